@@ -1,194 +1,585 @@
-//! How a recording is shown: one layout per purpose, as Rerun blueprint chunks.
+//! How a recording is shown: two layouts, of the SDK's containers and views.
 //!
-//! Written as the archetypes the viewer reads (containers, views, visualizer instructions), because several settings, such as the eye,
-//! the grid, axes, legends and time ranges, have no other way in.
+//! Settings that the SDK's views have no way in for (eyes, grids, axes, legends, time ranges) are added to its blueprint as the archetypes that the viewer reads.
 
-mod desk;
-mod sheet;
+use re_sdk_types::archetypes::SeriesLines;
+use re_sdk_types::blueprint::archetypes::{
+    EyeControls3D, LineGrid3D, PlotLegend, ScalarAxis, TextLogColumns, TimeAxis, ViewContents,
+    VisibleTimeRanges,
+};
+use re_sdk_types::blueprint::components::{Corner2D, LinkAxis, LoopMode, PanelState, PlayState};
+use re_sdk_types::blueprint::datatypes::{TextLogColumn, TextLogColumnKind, TimelineColumn};
+use re_sdk_types::components::{Plane3D, Range1D};
+use re_sdk_types::datatypes::{TimeRange, TimeRangeBoundary, VisibleTimeRange};
+use re_sdk_types::external::uuid::Uuid;
+use re_sdk_types::{AsComponents, SerializedComponentBatch, Visualizer};
+use rerun::blueprint::{
+    Blueprint, BlueprintActivation, BlueprintPanel, ContainerLike, Horizontal, SelectionPanel,
+    Spatial3DView, StateTimelineView, Tabs, TextDocumentView, TextLogView, TimePanel,
+    TimeSeriesView, Vertical, VisualizerComponentMapping,
+};
+use rerun::external::re_log_types::TimeInt;
+use rerun::log::{Chunk, LogMsg, RowId};
+use rerun::{EntityPath, RecordingStreamBuilder, StoreId, Timeline};
+use shared_types::scenario::Layout;
 
-use glam::Vec3;
-use re_sdk_types::blueprint::archetypes::{PanelBlueprint, TimePanelBlueprint, ViewportBlueprint};
-use re_sdk_types::blueprint::components::{LoopMode, PanelState, PlayState};
-use re_sdk_types::datatypes::TimeInt;
-use rerun::StoreId;
-use rerun::external::re_log_types::{SetStoreInfo, StoreInfo};
-use rerun::external::re_tuid::Tuid;
-use rerun::log::{Chunk, ChunkResult, LogMsg};
-use shared_types::scenario::{Layout, Segment};
+use crate::entity;
+use crate::eye::Eye;
+use crate::facts::Facts;
+use crate::picture::Named;
+use crate::pose::Rgba;
+use crate::signals::{Kept, Signal, hop_names};
+use crate::sink::RecordError;
+use crate::tint::faded;
 
-use crate::entity::Lives;
-use crate::sink::{RecordError, source};
-use crate::solid::Rgba;
-use sheet::Sheet;
-
-/// Colours of joints, in order.
+/// Colours of joints, in order: none is red, which is kept for what is bad.
 pub(crate) const JOINTS: [Rgba; 8] = [
-    0x569ce6ff, 0x40c8b4ff, 0xa0d25aff, 0xf5be50ff, 0xf06e69ff, 0xbe8cf5ff, 0xc8c8cdff, 0x788291ff,
+    0x569ce6ff, 0x40c8b4ff, 0xa0d25aff, 0xf5be50ff, 0xc89664ff, 0xbe8cf5ff, 0xc8c8cdff, 0x788291ff,
 ];
-
 /// Colours of errors orthogonal to ζ and along it.
 pub(crate) const ACROSS: Rgba = 0x6ed796ff;
-pub(crate) const ALONG: Rgba = 0xfa96d2ff;
+pub(crate) const ALONG: Rgba = 0x78bef0ff;
+/// Bounds, and what is treated as singular.
+const BOUND: Rgba = 0xbec3cdff;
+const SINGULAR: Rgba = 0x5a8fd01e;
+const FAULT: Rgba = 0xc03030ff;
 /// Lines that hatch the band of a plot in which the arm is treated as singular.
 pub(crate) const BAND_LINES: usize = 32;
 /// How much larger the way of a hand that should stand still is drawn.
 pub(crate) const MAGNIFIED: f32 = 50.0;
+/// Powers of ten of latencies, µs, and of errors, mm and degrees.
+const LATENCIES: Option<[f64; 2]> = Some([-0.6, 4.3]);
+const ERRORS: Option<[f64; 2]> = Some([-4.2, 2.2]);
 
-/// The properties of a run that its blueprint depends on.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Subject {
-    pub(crate) joints: usize,
-    /// Units of a speed and of a load, where joints have no limits.
-    pub(crate) units: [&'static str; 2],
-    /// Name and colour of each singularity, in the report's order.
-    pub(crate) singularities: Vec<(String, Rgba)>,
-    /// Distinct ratios η_out / η_in.
-    pub(crate) outer: Vec<f64>,
-    /// The goal's tolerances: mm and degrees; `None` where it does not judge.
-    pub(crate) goal: [Option<f64>; 2],
+/// What a layout depends on besides the run's facts.
+pub(crate) struct Subject<'a> {
+    pub(crate) facts: &'a Facts<'a>,
+    /// The singularities, in the report's order.
+    pub(crate) named: &'a [Named],
     /// Faults are planned, or have come: plots have a bar for them.
-    pub(crate) faults: bool,
+    pub(crate) has_faults: bool,
     /// The run is longer than the minute around the cursor that plots show by themselves.
     pub(crate) is_long: bool,
-    /// The task is to stand still with the hand while the joints move.
-    pub(crate) stands_still: bool,
-    /// The task has no orientation, hence no error of it.
-    pub(crate) without_orientation: bool,
-    /// Torque over its limit is undefined: some joint has no limit.
-    pub(crate) unlimited_torque: bool,
-    /// The same for speeds.
-    pub(crate) unlimited_speed: bool,
-    /// Where each segment of the task takes the hand, as far as the scenario itself says it.
-    pub(crate) ways: Vec<Way>,
-    /// Width over height of the pane that shows the whole arm.
-    pub(crate) pane: f32,
-    pub(crate) eye: Eye,
-    /// Near the singular frame, across ζ.
+    pub(crate) main: Eye,
     pub(crate) close_up: Eye,
-    pub(crate) floor_m: f32,
-    /// The processes that have lanes.
-    pub(crate) lives: Lives,
 }
 
-/// The end of a segment of the task; base axes, m.
-#[derive(Clone, Copy, Debug)]
-pub(crate) enum Way {
-    To(Vec3),
-    By(Vec3),
-}
-
-impl Way {
-    /// That of a segment which gives a place or a way in base axes.
-    pub(crate) fn of(segment: &Segment) -> Option<Self> {
-        let vector = |v: [f64; 3]| Vec3::from(v.map(|x| x as f32));
-        let slide = segment.slide.as_ref().and_then(|slide| {
-            let axis = ["x", "y", "z"]
-                .iter()
-                .position(|axis| *axis == slide.along)?;
-            Some(Vec3::AXES[axis] * slide.by_m as f32)
-        });
-        let by = segment.by_m.map(vector).or(slide).map(Self::By);
-        segment.to_m.map(|place| Self::To(vector(place))).or(by)
-    }
-
-    /// The hand's place after it.
-    pub(crate) fn after(self, place: Vec3) -> Vec3 {
-        match self {
-            Self::To(end) => end,
-            Self::By(way) => place + way,
-        }
+/// Width over height of the pane in which a layout shows the whole arm, in a window of 1280 × 720.
+pub(crate) fn pane(layout: Layout) -> f32 {
+    match layout {
+        Layout::Control => 1.35,
+        Layout::Timing => 2.0,
     }
 }
 
-/// From where the arm is seen; base axes, m.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Eye {
-    pub(crate) position: Vec3,
-    pub(crate) look_at: Vec3,
-    pub(crate) up: Vec3,
-}
-
-pub(crate) use desk::pane;
-
-/// The messages of a layout. `repeated`: the stretch of time to play again, ns, once the run is over; before, the viewer would not follow a live one.
+/// The messages of a layout, and its store. `repeated`: the stretch of time to play again, ns, once the run is over; before, the viewer would not
+/// follow a live one.
 pub(crate) fn messages(
-    store: &StoreId,
-    subject: &Subject,
-    which: Layout,
-    repeated: Option<(i64, i64)>,
-) -> Result<Vec<LogMsg>, RecordError> {
-    let info = LogMsg::SetStoreInfo(SetStoreInfo {
-        row_id: Tuid::new(),
-        info: StoreInfo::new(store.clone(), source()),
-    });
-    let chunks = layout(subject, which, repeated).into_iter().map(|chunk| {
-        let message = chunk.and_then(|chunk| chunk.to_arrow_msg())?;
-        Ok(LogMsg::ArrowMsg(store.clone(), message))
-    });
-    let all: ChunkResult<Vec<_>> = std::iter::once(Ok(info)).chain(chunks).collect();
-    all.map_err(|error| RecordError::Rerun(error.to_string()))
-}
-
-/// The chunks of a layout.
-fn layout(
     subject: &Subject,
     layout: Layout,
     repeated: Option<(i64, i64)>,
-) -> Vec<ChunkResult<Chunk>> {
-    let mut sheet = Sheet::new(layout, subject);
-    sheet.arrange();
-    let viewport = ViewportBlueprint::new().with_root_container(sheet.root);
-    sheet.log("viewport", &[&viewport]);
-    for panel in ["blueprint_panel", "selection_panel"] {
-        sheet.log(
-            panel,
-            &[&PanelBlueprint::new().with_state(PanelState::Hidden)],
-        );
-    }
-    let mut time = TimePanelBlueprint::new()
+) -> Result<(Vec<LogMsg>, StoreId), RecordError> {
+    let mut desk = Desk {
+        subject,
+        settings: Vec::new(),
+    };
+    let root = match layout {
+        Layout::Control => desk.control(),
+        Layout::Timing => desk.timing(),
+    };
+    let mut time = TimePanel::new()
         .with_state(PanelState::Collapsed)
         .with_timeline("t");
     if let Some((first, last)) = repeated {
-        let (min, max) = (TimeInt(first), TimeInt(last));
-        let range = re_sdk_types::datatypes::AbsoluteTimeRange { min, max };
+        let [first, last] = [first, last].map(TimeInt::new_temporal);
         time = time
             .with_loop_mode(LoopMode::Selection)
-            .with_time_selection(range)
+            .with_time_selection(first..=last)
             .with_play_state(PlayState::Playing);
     }
-    sheet.log("time_panel", &[&time]);
-    sheet.chunks
+    let blueprint = Blueprint::new(root)
+        .with_blueprint_panel(BlueprintPanel::from_state(PanelState::Hidden))
+        .with_selection_panel(SelectionPanel::from_state(PanelState::Hidden))
+        .with_time_panel(time);
+    desk.send(&blueprint)
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use re_sdk_types::blueprint::archetypes::ViewBlueprint;
-    use std::collections::BTreeMap;
+/// Lines of a plot: names and colours of the elements of a signal.
+struct Lines {
+    entity: &'static str,
+    component: &'static str,
+    lines: Vec<(String, Rgba)>,
+    width: f32,
+}
 
-    /// The viewer keeps what it knows of a view by its id.
-    #[test]
-    fn no_view_has_the_id_of_one_of_another_class_in_any_layout() {
-        let class = ViewBlueprint::descriptor_class_identifier().component;
-        let view = |chunk: ChunkResult<Chunk>| {
-            let chunk = chunk.expect("a chunk");
-            let column = chunk.components().get(class)?;
-            Some((
-                chunk.entity_path().to_string(),
-                format!("{:?}", column.list_array.value(0)),
-            ))
-        };
-        let views = |which| {
-            layout(&Subject::default(), which, None)
-                .into_iter()
-                .filter_map(view)
-        };
-        let all: Vec<(String, String)> = Layout::ALL.into_iter().flat_map(views).collect();
-        assert!(all.len() > 20, "{}", all.len());
-        assert_eq!(
-            all.iter().cloned().collect::<BTreeMap<_, _>>().len(),
-            all.len()
-        );
-        assert!(views(Layout::Control).eq(views(Layout::Control)));
+impl Lines {
+    fn of(signal: Signal, lines: impl IntoIterator<Item = (String, Rgba)>) -> Self {
+        Self {
+            entity: match signal.of().kept {
+                Kept::Slow | Kept::Drawn => entity::DRAWN,
+                _ => entity::SIGNALS,
+            },
+            component: signal.component(),
+            lines: lines.into_iter().collect(),
+            width: 1.5,
+        }
     }
+
+    /// Lines that never move.
+    fn guide(component: &'static str, name: &str, count: usize, colour: Rgba, width: f32) -> Self {
+        Self {
+            entity: entity::GUIDES,
+            component,
+            lines: vec![(name.to_owned(), colour); count],
+            width,
+        }
+    }
+
+    /// How they are drawn.
+    fn visualizer(&self) -> Visualizer {
+        let mapping =
+            VisualizerComponentMapping::new_source_component("Scalars:scalars", self.component);
+        let style = SeriesLines::new()
+            .with_names(self.lines.iter().map(|line| line.0.as_str()))
+            .with_colors(self.lines.iter().map(|line| line.1))
+            .with_widths(self.lines.iter().map(|_| self.width));
+        Visualizer::new("SeriesLines")
+            .with_mappings([mapping.into()])
+            .with_overrides(&style)
+    }
+}
+
+/// A blueprint in the making.
+struct Desk<'a> {
+    subject: &'a Subject<'a>,
+    settings: Vec<(EntityPath, Vec<SerializedComponentBatch>)>,
+}
+
+fn row(shares: &[f32], cells: impl IntoIterator<Item = ContainerLike>) -> ContainerLike {
+    Horizontal::new(cells).with_column_shares(shares).into()
+}
+
+fn column(shares: &[f32], cells: impl IntoIterator<Item = ContainerLike>) -> ContainerLike {
+    Vertical::new(cells).with_row_shares(shares).into()
+}
+
+impl Desk<'_> {
+    /// The arm large; below it the hand from near by, and the words.
+    fn control(&mut self) -> ContainerLike {
+        let below = row(&[1.0, 1.1], [self.close_up(), now()]);
+        let left = column(&[3.2, 2.0], [self.arm(), below]);
+        let (errors, measure, joints) = (self.errors(), self.measure(), self.joints());
+        let others = [
+            self.torques(),
+            self.per_joint("Gravity torque", Signal::DrawnGravity, None),
+            self.governor(),
+            self.auxiliary(),
+            self.singular_values(),
+            self.latency(),
+        ];
+        let states = [self.modes(), self.lives(), self.log()];
+        let right = match self.subject.facts.stands_still {
+            // No singularity is in play: the error first, the joints that move, and the rest in tabs.
+            true => {
+                let more = [measure].into_iter().chain(others).chain(states);
+                column(&[1.3, 1.4, 1.6], [errors, joints, Tabs::new(more).into()])
+            }
+            false => {
+                let more = [joints].into_iter().chain(others);
+                let lanes = 1.2 + 0.1 * self.subject.named.len() as f32;
+                let cells = [
+                    measure,
+                    errors,
+                    Tabs::new(more).into(),
+                    Tabs::new(states).into(),
+                ];
+                column(&[1.3, 1.2, 1.3, lanes], cells)
+            }
+        };
+        row(&[1.12, 1.0], [left, right])
+    }
+
+    /// The work of the processes, and its duration.
+    fn timing(&mut self) -> ContainerLike {
+        let more = [
+            self.latency(),
+            self.errors(),
+            self.torques(),
+            self.joints(),
+            self.measure(),
+            self.governor(),
+        ];
+        let left = column(&[2.25, 2.35], [self.lives(), Tabs::new(more).into()]);
+        let below = Tabs::new([self.log(), self.modes()]).into();
+        let right = column(&[1.8, 0.8, 0.9], [self.arm(), now(), below]);
+        row(&[1.12, 1.0], [left, right])
+    }
+
+    /// A view with settings of its own, and settings of how it shows entities.
+    fn set(
+        &mut self,
+        view: impl Into<ContainerLike>,
+        settings: &[(&str, &dyn AsComponents)],
+        of: &[(&str, &dyn AsComponents)],
+    ) -> ContainerLike {
+        let view = view.into();
+        if let ContainerLike::View(view) = &view {
+            let path = view.blueprint_path();
+            for (name, setting) in settings {
+                let path = path.join(&(*name).into());
+                self.settings.push((path, setting.as_serialized_batches()));
+            }
+            let id = path
+                .last()
+                .and_then(|id| Uuid::parse_str(id.unescaped_str()).ok());
+            for (entity, setting) in of {
+                let id = id.unwrap_or_default();
+                let path =
+                    ViewContents::blueprint_base_visualizer_path_for_entity(id, &(*entity).into());
+                self.settings.push((path, setting.as_serialized_batches()));
+            }
+        }
+        view
+    }
+
+    /// A plot over the time axis that all plots share; `range`: fixed y range.
+    fn plot(
+        &mut self,
+        name: &str,
+        mut lines: Vec<Lines>,
+        range: Option<[f64; 2]>,
+        corner: Option<Corner2D>,
+    ) -> ContainerLike {
+        // Every plot is as long as the guides: one too thin to be seen, in the legend with the first line.
+        let first = lines.first().and_then(|lines| lines.lines.first());
+        let zero = first.map(|(name, colour)| Lines::guide("guide:zero", name, 1, *colour, 0.02));
+        lines.extend(zero);
+        if self.subject.has_faults {
+            let bar = Lines::of(Signal::Fault, [("fault".to_owned(), FAULT)]);
+            lines.push(Lines { width: 6.0, ..bar });
+        }
+        let mut view = TimeSeriesView::new(name).with_origin("/");
+        let mut contents: Vec<&str> = lines.iter().map(|lines| lines.entity).collect();
+        contents.sort_unstable();
+        contents.dedup();
+        for entity in &contents {
+            let own = lines.iter().filter(|lines| lines.entity == *entity);
+            view = view.with_overrides(*entity, own.map(Lines::visualizer));
+        }
+        let view = view.with_contents(contents);
+        // A linked axis is as long as the viewer wants it: a minute at most. A range of its own would be read as ticks on the other time line.
+        let (start, end) = (TimeRangeBoundary::Infinite, TimeRangeBoundary::Infinite);
+        let time = match self.subject.is_long {
+            true => TimeAxis::new()
+                .with_link(LinkAxis::Independent)
+                .with_view_range(TimeRange { start, end }),
+            false => TimeAxis::new().with_link(LinkAxis::LinkToGlobal),
+        };
+        let legend = PlotLegend::new().with_visible(corner.is_some());
+        let legend = corner.map_or(legend.clone(), |corner| legend.with_corner(corner));
+        let axis = range.map(|[low, high]| {
+            ScalarAxis::new()
+                .with_range(Range1D::new(low, high))
+                .with_zoom_lock(true)
+        });
+        let mut settings: Vec<(&str, &dyn AsComponents)> =
+            vec![("TimeAxis", &time), ("PlotLegend", &legend)];
+        settings.extend(
+            axis.iter()
+                .map(|axis| ("ScalarAxis", axis as &dyn AsComponents)),
+        );
+        self.set(view, &settings, &[])
+    }
+
+    /// A line per joint. A legend has room for few names: the second half of the joints share an entry with their first.
+    fn per_joint(&mut self, name: &str, signal: Signal, range: Option<[f64; 2]>) -> ContainerLike {
+        let (facts, count) = (self.subject.facts, self.subject.facts.joints());
+        let [speed, load] = facts.axis_units();
+        let is_free = |limits: &[f64]| limits.iter().any(|limit| !limit.is_finite());
+        let unit = match signal {
+            Signal::DrawnPosition => "",
+            Signal::DrawnSpeed if is_free(&facts.limits.speed) => speed,
+            Signal::DrawnSpeed => " / limit",
+            _ if is_free(&facts.limits.torque) => load,
+            _ => " / limit",
+        };
+        let name_of = |i: usize| match i {
+            0..4 => format!("q{}", i + 1),
+            _ => format!("q5–q{count}"),
+        };
+        let lines = Lines::of(signal, (0..count).map(name_of).zip(JOINTS));
+        self.plot(
+            &format!("{name}{unit}"),
+            vec![lines],
+            range,
+            Some(Corner2D::RightBottom),
+        )
+    }
+
+    fn per_singularity(
+        &self,
+        signal: Signal,
+        name: impl Fn(&Named) -> String,
+        opacity: u8,
+    ) -> Lines {
+        let all = self.subject.named.iter();
+        Lines::of(
+            signal,
+            all.map(|one| (name(one), faded(one.colour, opacity))),
+        )
+    }
+
+    /// log₁₀(|s_i| / η_i), the band below 1 hatched.
+    fn measure(&mut self) -> ContainerLike {
+        // The legend has the colour of the first line: the band's would not be seen there.
+        let zero = Lines::guide("guide:zero", "singular", 1, faded(SINGULAR, 255), 1.0);
+        let band = Lines::guide("guide:band", "singular", BAND_LINES, SINGULAR, 5.0);
+        let edges = Lines::guide(
+            "guide:edge",
+            "singular",
+            self.subject.named.len(),
+            0xbec3cd96,
+            1.0,
+        );
+        let mut nearness = self.per_singularity(Signal::Nearness, |one| one.name.clone(), 255);
+        nearness.width = 2.5;
+        let name = "How near: |s|/η in powers of ten. Below 0: treated as singular";
+        let lines = vec![zero, band, edges, nearness];
+        self.plot(name, lines, Some([-3.1, 1.4]), Some(Corner2D::RightBottom))
+    }
+
+    /// The errors, each with what the goal allows.
+    fn errors(&mut self) -> ContainerLike {
+        // Where no direction is lost there is one error, and the other line is not seen.
+        let (names, along) = match self.subject.facts.stands_still {
+            true => (["error"; 2], 0),
+            false => (["orthogonal", "along ζ"], ALONG),
+        };
+        let turns = self.subject.facts.task[3..].contains(&true);
+        let all = [
+            (
+                "Position error, log10 mm",
+                Signal::DrawnPositionError,
+                "guide:goal_position",
+            ),
+            (
+                "Orientation error, log10 °",
+                Signal::DrawnOrientationError,
+                "guide:goal_orientation",
+            ),
+        ];
+        let mut panes = Vec::new();
+        for (i, (name, signal, guide)) in all.into_iter().enumerate().take(1 + usize::from(turns)) {
+            let names = names.map(str::to_owned).into_iter();
+            let lines = vec![
+                Lines::of(signal, names.zip([ACROSS, along])),
+                Lines::guide(guide, "allowed", 1, BOUND, 1.5),
+            ];
+            // Of two plots side by side the second has the legend of both.
+            let legend = (i == usize::from(turns)).then_some(Corner2D::RightTop);
+            panes.push(self.plot(name, lines, ERRORS, legend));
+        }
+        Horizontal::new(panes).with_name("Task errors").into()
+    }
+
+    fn torques(&mut self) -> ContainerLike {
+        let hand = self.per_joint("Hand torque, no gravity", Signal::DrawnHand, None);
+        let null = self.per_joint("Null-space torque", Signal::DrawnNull, None);
+        Horizontal::new([hand, null]).with_name("Torques").into()
+    }
+
+    fn joints(&mut self) -> ContainerLike {
+        let range = self.per_joint(
+            "Joints between limits ±1",
+            Signal::DrawnPosition,
+            Some([-1.1, 1.1]),
+        );
+        let speed = self.per_joint("Joint speeds", Signal::DrawnSpeed, None);
+        Horizontal::new([range, speed]).with_name("Joints").into()
+    }
+
+    /// The share of each torque, and the speed of the path's clock.
+    fn governor(&mut self) -> ContainerLike {
+        let scales = [
+            ("time", 0x78befaff),
+            ("task torque", 0x6ed796ff),
+            ("null torque", 0xc8c878ff),
+        ];
+        let scales = scales.map(|(name, colour)| (name.to_owned(), colour));
+        let shares = self.per_singularity(Signal::Beta, |_| "β".to_owned(), 255);
+        let lines = vec![Lines::of(Signal::Scale, scales), shares];
+        let name = "β (1 hand, 0 null space), governor";
+        self.plot(
+            name,
+            lines,
+            Some([-0.05, 1.05]),
+            Some(Corner2D::RightBottom),
+        )
+    }
+
+    fn auxiliary(&mut self) -> ContainerLike {
+        let reference =
+            self.per_singularity(Signal::AuxiliaryReference, |_| "reference".to_owned(), 120);
+        let actual = self.per_singularity(Signal::Auxiliary, |one| one.name.clone(), 255);
+        self.plot(
+            "Auxiliary coordinates, rad",
+            vec![reference, actual],
+            None,
+            Some(Corner2D::RightTop),
+        )
+    }
+
+    fn singular_values(&mut self) -> ContainerLike {
+        let count = self.subject.facts.joints().min(6);
+        let names = (1..=count).map(|i| format!("σ{i}"));
+        let lines = Lines::of(Signal::SingularValues, names.zip(JOINTS));
+        self.plot(
+            "Singular values",
+            vec![lines],
+            None,
+            Some(Corner2D::RightTop),
+        )
+    }
+
+    fn latency(&mut self) -> ContainerLike {
+        let hops = Lines::of(Signal::Latency, hop_names().into_iter().zip(JOINTS));
+        self.plot(
+            "Latency per hop, log10 µs",
+            vec![hops],
+            LATENCIES,
+            Some(Corner2D::RightTop),
+        )
+    }
+
+    fn arm(&mut self) -> ContainerLike {
+        let grid = LineGrid3D::new()
+            .with_plane(Plane3D::new([0.0, 0.0, 1.0], self.subject.facts.floor_m))
+            .with_spacing(0.25)
+            .with_color(0x8c9bb046);
+        let view = Spatial3DView::new("Arm").with_origin(entity::WORLD);
+        self.world(view, &self.subject.main, &[], ("LineGrid3D", &grid))
+    }
+
+    /// The hand from near by: its view goes with it. Captions are in the picture of the whole arm only.
+    fn close_up(&mut self) -> ContainerLike {
+        let name = match self.subject.facts.stands_still {
+            true => "The hand's way, × 50",
+            false => "Close-up of the hand",
+        };
+        let grid = LineGrid3D::new().with_visible(false);
+        let view = Spatial3DView::new(name).with_origin(entity::NEAR);
+        let without = [format!("- {}", entity::CAPTIONS)];
+        self.world(
+            view,
+            &self.subject.close_up,
+            &without,
+            ("LineGrid3D", &grid),
+        )
+    }
+
+    /// A view of the arm; its ground is the viewer's, dark or light.
+    fn world(
+        &mut self,
+        view: Spatial3DView,
+        eye: &Eye,
+        without: &[String],
+        grid: (&str, &dyn AsComponents),
+    ) -> ContainerLike {
+        let controls = EyeControls3D::new()
+            .with_position(eye.position.to_array())
+            .with_look_target(eye.look_at.to_array())
+            .with_eye_up(eye.up.to_array());
+        // Paths are drawn in short pieces: all up to the cursor are shown.
+        let range = TimeRange {
+            start: TimeRangeBoundary::Infinite,
+            end: TimeRangeBoundary::AT_CURSOR,
+        };
+        let ranges = ["t", "tick"].map(|timeline| VisibleTimeRange {
+            timeline: timeline.into(),
+            range,
+        });
+        let ranges = VisibleTimeRanges::new(ranges);
+        let ways = entity::WAYS.map(|way| (way, &ranges as &dyn AsComponents));
+        let all = [format!("{}/**", entity::WORLD)];
+        let view = view.with_contents(all.iter().chain(without).cloned());
+        self.set(view, &[("EyeControls3D", &controls), grid], &ways)
+    }
+
+    fn log(&mut self) -> ContainerLike {
+        let visible = true.into();
+        let columns = [TextLogColumnKind::LogLevel, TextLogColumnKind::Body];
+        let columns = columns.map(|kind| TextLogColumn { kind, visible });
+        // A column of times is as narrow as its head, which cuts them: each line begins with its time instead.
+        let visible = false.into();
+        let times = ["t", "tick"].map(|timeline| TimelineColumn {
+            timeline: timeline.into(),
+            visible,
+        });
+        let columns = TextLogColumns::new()
+            .with_text_log_columns(columns)
+            .with_timeline_columns(times);
+        let view = TextLogView::new("Log").with_origin(entity::LOG);
+        self.set(view, &[("TextLogColumns", &columns)], &[])
+    }
+
+    fn modes(&mut self) -> ContainerLike {
+        let lanes = self
+            .subject
+            .named
+            .iter()
+            .map(|one| format!("/{}", one.name));
+        self.states("What control does at each singularity", lanes.collect())
+    }
+
+    fn lives(&mut self) -> ContainerLike {
+        let mut lanes: Vec<String> = [entity::FAULT, entity::DRIVE].map(str::to_owned).into();
+        let lives = entity::lives(&self.subject.facts.job.graph);
+        lanes.extend(lives.iter().map(entity::life));
+        self.states("Fault, processes, drive", lanes)
+    }
+
+    /// Lanes by their paths, in the viewer's own order.
+    fn states(&mut self, name: &str, lanes: Vec<String>) -> ContainerLike {
+        let view = StateTimelineView::new(name)
+            .with_origin("/")
+            .with_contents(lanes);
+        let axis = TimeAxis::new().with_link(LinkAxis::LinkToGlobal);
+        self.set(view, &[("TimeAxis", &axis)], &[])
+    }
+
+    /// The blueprint's messages, with the settings.
+    fn send(self, blueprint: &Blueprint) -> Result<(Vec<LogMsg>, StoreId), RecordError> {
+        if !rerun::decide_logging_enabled(true) {
+            let reason = "the environment variable RERUN switches Rerun off: unset it";
+            return Err(RecordError::Rerun(reason.to_owned()));
+        }
+        let failed = |error: &dyn std::fmt::Display| RecordError::Rerun(error.to_string());
+        let store = Facts::store(self.subject.facts.job);
+        let builder = RecordingStreamBuilder::from_store_id(&store).enabled(true);
+        let (stream, storage) = builder.memory().map_err(|error| failed(&error))?;
+        let activation = BlueprintActivation::default();
+        blueprint
+            .send(&stream, activation)
+            .map_err(|error| failed(&error))?;
+        let mut messages = storage.take();
+        messages.retain(|message| message.store_id().is_blueprint());
+        messages.retain(|message| !matches!(message, LogMsg::BlueprintActivationCommand(_)));
+        let store = messages
+            .first()
+            .map_or(store, |first| first.store_id().clone());
+        let at = [(Timeline::new_sequence("blueprint"), 0)];
+        for (path, batches) in self.settings {
+            let chunk = Chunk::builder(path).with_serialized_batches(RowId::new(), at, batches);
+            let chunk = chunk.build().and_then(|chunk| chunk.to_arrow_msg());
+            let message = chunk.map_err(|error| failed(&error))?;
+            messages.push(LogMsg::ArrowMsg(store.clone(), message));
+        }
+        Ok((messages, store))
+    }
+}
+
+fn now() -> ContainerLike {
+    TextDocumentView::new("What is happening")
+        .with_origin(entity::NOW)
+        .into()
 }

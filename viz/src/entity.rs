@@ -18,27 +18,26 @@ pub(crate) const NOW: &str = "/now";
 pub(crate) const LOG: &str = "/log";
 /// Everything with a place; base axes.
 pub(crate) const WORLD: &str = "/world";
-/// The way of the hand.
-pub(crate) const PATH_ACTUAL: &str = "/world/path/actual";
-/// The way it should have gone.
-pub(crate) const PATH_DESIRED: &str = "/world/path/desired";
-/// The way of the elbow of an arm whose joints can move while its hand stands still.
-pub(crate) const PATH_ELBOW: &str = "/world/path/elbow";
-/// The way of the other law's hand, in a race.
-pub(crate) const PATH_RIVAL: &str = "/world/path/rival";
-/// The way of a hand that should stand still, off its place, 50 times as large.
-pub(crate) const PATH_MAGNIFIED: &str = "/world/path/magnified";
+/// Ways: of the other law's hand, in a race; of a hand that should stand still, off its place, 50 times as large; of the hand; that it should have gone;
+/// of the elbow of an arm whose joints can move while its hand stands still.
+pub(crate) const WAYS: [&str; 5] = [
+    "/world/path/rival",
+    "/world/path/magnified",
+    "/world/path/actual",
+    "/world/path/desired",
+    "/world/path/elbow",
+];
 /// The end-effector frame.
 pub(crate) const HAND: &str = "/world/hand";
+/// Base axes at the hand: the origin of the view that follows it.
+pub(crate) const NEAR: &str = "/world/near";
 /// The desired end-effector frame.
 pub(crate) const TARGET: &str = "/world/target";
 /// The links of the arm; their number follows.
 pub(crate) const LINK: &str = "/world/arm/link";
-/// How far the joints have turned in null-space motion.
-pub(crate) const TURNED: &str = "/world/null_motion/turned";
 /// The frame of each singularity; its name follows.
 pub(crate) const SINGULARITY: &str = "/world/singularity/";
-/// The two captions; their number follows.
+/// The captions; their names follow.
 pub(crate) const CAPTION: &str = "/world/caption/";
 pub(crate) const CAPTIONS: &str = "/world/caption/**";
 
@@ -47,44 +46,17 @@ pub(crate) fn link(of: &str, index: usize) -> String {
     format!("{of}{}", index + 1)
 }
 
-/// How many processes have a lane: the writers of [`CHAIN`]'s topics, and the recorder.
-pub(crate) const LIVES: usize = CHAIN.len() + 1;
-
-/// The names of the processes whose lanes the state timeline has. Empty where no process is.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Lives([String; LIVES]);
-
-impl Lives {
-    /// Those of a graph. A process that writes several of the topics has one lane.
-    pub(crate) fn of(graph: &Graph) -> Self {
-        let mut names: [String; LIVES] = std::array::from_fn(|i| {
-            let process = match CHAIN.get(i) {
-                Some(topic) => graph.writer(topic),
-                None => {
-                    let mut all = graph.process.iter();
-                    all.find(|one| one.program() == Some(Program::Recorder))
-                }
-            };
-            process.map_or(String::new(), |process| process.name.clone())
-        });
-        for i in 1..LIVES {
-            if names[..i].contains(&names[i]) {
-                names[i].clear();
-            }
-        }
-        Self(names)
+/// The processes that have lanes, each with its place: the writers of [`CHAIN`]'s topics, of which one that writes several has one lane, and the recorder.
+pub(crate) fn lives(graph: &Graph) -> Vec<(usize, String)> {
+    let mut all = graph.process.iter();
+    let recorder = all.find(|one| one.program() == Some(Program::Recorder));
+    let writers = CHAIN.iter().map(|topic| graph.writer(topic));
+    let mut out: Vec<(usize, String)> = Vec::new();
+    for (place, process) in writers.chain([recorder]).enumerate() {
+        let new = process.filter(|process| out.iter().all(|(_, name)| *name != process.name));
+        out.extend(new.map(|process| (place, process.name.clone())));
     }
-
-    /// The name of the process at a place; empty where there is none.
-    pub(crate) fn name(&self, place: usize) -> &str {
-        &self.0[place]
-    }
-
-    /// Place and name of each.
-    pub(crate) fn named(&self) -> impl Iterator<Item = (usize, &str)> {
-        let all = self.0.iter().map(String::as_str).enumerate();
-        all.filter(|(_, name)| !name.is_empty())
-    }
+    out
 }
 
 /// The lane of faults, above those of the processes; and the drive's, below them.
@@ -93,6 +65,6 @@ pub(crate) const DRIVE: &str = "/6.drive";
 pub(crate) const PHASE: &str = "/phase";
 
 /// The lane of a process: `/1.plant` and so on in the order of the data.
-pub(crate) fn life((place, name): (usize, &str)) -> String {
+pub(crate) fn life((place, name): &(usize, String)) -> String {
     format!("/{}.{name}", place + 1)
 }

@@ -15,7 +15,7 @@ use rerun::external::arrow::error::ArrowError;
 use rerun::external::arrow::ipc::writer::StreamWriter;
 use shared_types::job::Job;
 
-use crate::recording::Facts;
+use crate::facts::Facts;
 use crate::run::{Happened, Tick};
 use crate::sink::RecordError;
 use crate::story::{News, Story};

@@ -6,26 +6,30 @@
 //! * How it is shown: a blueprint in the file, one layout per purpose, also as `.rbl` ([`save_blueprint`]).
 //! * The same ticks as tables of other formats: [`export`]; as one HTML page: [`report`].
 //!
-//! `manipulability`, `signals`, `story`, `scene`, `arm`, `solid` and `narration` map messages to data; `sink`, `blueprint` and `recording` write them.
+//! `picture` is the function from a tick to what is seen of it, `signals` that to its numbers; `recording` and `report` write both.
 
 #![allow(non_snake_case)]
 
-mod arm;
 mod blueprint;
+mod body;
 mod digits;
 mod entity;
 mod export;
+mod eye;
+mod facts;
 mod manipulability;
 mod meshes;
 mod narration;
+mod picture;
+mod pose;
 mod recording;
 mod report;
 mod run;
 mod scene;
 mod signals;
 mod sink;
-mod solid;
 mod story;
+mod strokes;
 mod tint;
 
 pub use digits::digits;

@@ -3,7 +3,7 @@
 use glam::{Mat3, Vec3};
 use nalgebra::{Matrix3, SMatrix, SVector, SymmetricEigen, Vector3};
 
-use crate::arm::vec3;
+use crate::pose::vec3;
 use model::unit_scaled;
 
 /// Which half of the twist an ellipsoid is of.

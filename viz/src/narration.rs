@@ -1,12 +1,11 @@
 //! The run in words and colours: what people read beside the picture. PURE.
 
 use nalgebra::Vector3;
-use shared_types::MAX_SINGULARITIES;
 use shared_types::codes::*;
 use shared_types::messages::SingularityState;
 
+use crate::pose::Rgba;
 use crate::signals::TickRow;
-use crate::solid::Rgba;
 
 /// A colour and its name.
 type Tint = (&'static str, Rgba);
@@ -17,7 +16,7 @@ const YELLOW: Tint = ("yellow", 0xfad63cff);
 const OTHERS: [Tint; 4] = [
     ("violet", 0xb48cffff),
     ("turquoise", 0x40c8b4ff),
-    ("salmon", 0xff8a80ff),
+    ("lime", 0xb4dc50ff),
     ("blue", 0x78beebff),
 ];
 
@@ -45,9 +44,9 @@ pub(crate) const MODE_STATES: States = &[
     ("blend", 0x8a7a3aff),
     ("track", 0x2f8f6bff),
     ("pass", 0x2f7fb5ff),
-    ("hold", 0xb5542fff),
+    ("hold", 0x8f6a4aff),
     ("reorient", 0xb03aa0ff),
-    ("slide", 0xc23b3bff),
+    ("slide", 0x4f7f86ff),
     ("recover", 0x6b5fb0ff),
 ];
 
@@ -79,9 +78,10 @@ pub(crate) const LIFE_STATES: States = &[
 pub(crate) const FAULT_COLOUR: u32 = 0xc03030ff;
 pub(crate) const NO_FAULT: (&str, u32) = ("none", 0x2a3038ff);
 
-/// A stay in the neighbourhood of a singularity: its first tick, the tick after its last, and the response that took most of it.
+/// A stretch in the neighbourhood of a singularity with one response: its first tick and the tick after its last.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Stay {
+struct Stretch {
+    singularity: usize,
     first: u64,
     end: u64,
     mode: u32,
@@ -90,13 +90,15 @@ struct Stay {
 /// The events of a run so far: the words of a moment depend on it.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct History {
-    /// Present stays: first tick, and the ticks spent in each mode.
-    present: [Option<(u64, [u32; MODES.len()])>; MAX_SINGULARITIES],
-    /// The latest stay in each singularity, once it is over.
-    past: [Option<Stay>; MAX_SINGULARITIES],
+    /// What control has done inside neighbourhoods, by the time at which it began.
+    stretches: Vec<Stretch>,
     /// The largest distance of the hand from its place; m. Of tasks in which it should stand still only.
     off_m: Option<f64>,
 }
+
+/// A stretch goes on across so many ticks without a command; and what is shorter than this is not told.
+const PATIENCE: u64 = 5;
+const SHORT_S: f64 = 0.05;
 
 /// The response at a singularity.
 fn mode(row: &TickRow, i: usize) -> u32 {
@@ -115,17 +117,19 @@ impl History {
 
     /// Takes a tick in.
     pub(crate) fn push(&mut self, row: &TickRow) {
-        for (i, one) in row.singularities().iter().enumerate() {
-            if one.inside == 1 {
-                let (_, modes) = self.present[i].get_or_insert((row.tick, [0; MODES.len()]));
-                if let Some(ticks) = modes.get_mut(mode(row, i) as usize) {
-                    *ticks += 1;
-                }
-            } else if let Some((first, modes)) = self.present[i].take() {
-                let most = (0..).zip(modes).max_by_key(|(_, ticks)| *ticks);
-                let mode = most.map_or(MODE_REGULAR, |(mode, _)| mode);
-                let end = row.tick;
-                self.past[i] = Some(Stay { first, end, mode });
+        for (singularity, one) in row.singularities().iter().enumerate() {
+            let (first, mode) = (row.tick, mode(row, singularity));
+            let is_its = |stretch: &&mut Stretch| stretch.singularity == singularity;
+            let last = self.stretches.iter_mut().rev().find(is_its);
+            match last.filter(|last| last.mode == mode && last.end + PATIENCE >= first) {
+                _ if one.inside == 0 || mode == MODE_REGULAR => (),
+                Some(last) => last.end = first + 1,
+                None => self.stretches.push(Stretch {
+                    singularity,
+                    first,
+                    end: first + 1,
+                    mode,
+                }),
             }
         }
         if let (Some(off_m), Some(state), Some(desired)) =
@@ -159,116 +163,160 @@ pub(crate) struct Moment<'a, 'm> {
     pub(crate) fault: Option<&'a str>,
 }
 
+/// What happens, in words: a headline, and lines, some of them about a singularity.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Words {
+    pub(crate) headline: String,
+    pub(crate) lines: Vec<(Option<usize>, String)>,
+}
+
+impl Words {
+    /// As the viewer reads it, with the colours of the singularities by their names.
+    pub(crate) fn markdown(&self, singularities: &[SingularityState]) -> String {
+        let line = |(of, text): &(Option<usize>, String)| match of {
+            Some(i) => format!("{}{text}.  \n", coloured(*i, &singularities[*i])),
+            None => format!("{text}.  \n"),
+        };
+        let lines: String = self.lines.iter().map(line).collect();
+        format!("**{}**  \n{lines}", self.headline)
+    }
+
+    fn add(&mut self, singularity: Option<usize>, text: String) {
+        self.lines.push((singularity, text));
+    }
+}
+
 impl Moment<'_, '_> {
-    /// Markdown, a headline and at most three lines: the singularity that the arm is in, the motion that is lost there, the arm's response.
-    pub(crate) fn markdown(&self) -> String {
-        let mut text = String::new();
-        if self.tell_fault(&mut text) {
-            return text;
+    /// The drive's state first; then the singularities that the arm is in, the motion that is lost there, and the response.
+    pub(crate) fn words(&self) -> Words {
+        let mut words = Words::default();
+        let is_driven = self.tell_drive(&mut words);
+        match self.row.singularities().iter().any(|one| one.inside == 1) {
+            true => self.tell_locks(&mut words, is_driven),
+            false if is_driven => self.tell_free(&mut words),
+            false => (),
         }
-        let locks = self.inside().count();
-        if locks > 0 {
-            self.tell_locks(&mut text, locks);
-        } else {
-            self.tell_free(&mut text);
+        if !is_driven {
+            return words;
         }
-        let command = self.row.control_state;
         if let Some(state) = self.row.servo_state {
             let reason = reason_text(state.reason, state.joint, state.upper);
-            text += &format!("Steered: **{reason}**.  \n");
-        } else if command.is_some_and(|state| state.clipped == 1) {
-            text += "The goal is out of reach: the hand slides along the boundary.  \n";
+            words.add(None, format!("Steered: {reason}"));
+        } else if self
+            .row
+            .control_state
+            .is_some_and(|state| state.clipped == 1)
+        {
+            let text = "The goal is out of reach: the hand slides along the boundary";
+            words.add(None, text.to_owned());
         }
-        let torque = self.row.torque;
-        if torque.is_some_and(|torque| torque.phase == PHASE_REFUSED) {
-            text += "**The controller refused to go on** and brings the arm to rest.  \n";
+        if self
+            .row
+            .torque
+            .is_some_and(|torque| torque.phase == PHASE_REFUSED)
+        {
+            let text = "The controller refused to go on and brings the arm to rest";
+            words.add(None, text.to_owned());
         }
-        text
+        words
     }
 
-    /// Singularities that the arm is inside of.
-    fn inside(&self) -> impl Iterator<Item = (usize, &SingularityState)> {
-        let all = self.row.singularities().iter().enumerate();
-        all.filter(|(_, one)| one.inside == 1)
-    }
-
-    /// The fault in force, or that no torque comes; whether there is nothing more to say.
-    fn tell_fault(&self, text: &mut String) -> bool {
+    /// The fault in force, and a drive that does not follow the controller; whether it does.
+    fn tell_drive(&self, words: &mut Words) -> bool {
         let drive = self.row.sensor.map_or(DRIVE_ACTIVE, |sensor| sensor.drive);
+        let comes = self.row.torque.is_some();
         let does = match drive {
-            _ if self.row.torque.is_some() => "the arm goes on",
-            DRIVE_HOLDING | DRIVE_ACTIVE => "the drives hold the last torque",
+            DRIVE_ACTIVE if comes => "the arm goes on",
+            DRIVE_ACTIVE | DRIVE_HOLDING => "the drives hold the last torque",
             DRIVE_STOPPING => "the drives bring the arm to rest",
             _ => "the drives have braked the arm",
         };
-        let is_undriven = self.row.torque.is_none();
-        if is_undriven || self.fault.is_some() {
-            let fault = self.fault.unwrap_or("No torque comes");
-            *text += &format!("**{fault}: {does}**  \n");
+        let is_driven = comes && drive == DRIVE_ACTIVE;
+        if !is_driven || self.fault.is_some() {
+            let late = if comes {
+                "Torque came late"
+            } else {
+                "No torque comes"
+            };
+            words.headline = format!("{}: {does}", self.fault.unwrap_or(late));
         }
-        if is_undriven {
-            *text += "The drives do this by themselves until fresh torque comes. In the lanes of the processes, those that wait for another one are grey.\n";
+        if !is_driven {
+            let text = "The drives do this by themselves until fresh torque comes. In the lanes of the processes, those that wait for another one are grey";
+            words.add(None, text.to_owned());
         }
-        is_undriven
+        is_driven
+    }
+
+    /// A headline; below that of a fault, a line.
+    fn head(words: &mut Words, headline: String) {
+        match words.headline.is_empty() {
+            true => words.headline = headline,
+            false => words.add(None, headline),
+        }
     }
 
     /// No singularity is in the way: those that the arm has been in, the last of them at the end.
-    fn tell_free(&self, text: &mut String) {
-        let title = self.title;
+    fn tell_free(&self, words: &mut Words) {
         if let Some(off_mm) = self.history.off_mm() {
-            *text += &format!(
-                "**{title}**  \nThe hand should stand still. It has been **{off_mm} mm** off its place at most. Amber: its way, \
-                 50 times as large.  \n",
+            Self::head(words, self.title.to_owned());
+            let text = format!(
+                "The hand should stand still. It has been {off_mm} mm off its place at most. Amber: its way, 50 times as large"
             );
-            return;
+            return words.add(None, text);
         }
         let mut all = self.row.singularities().iter().enumerate();
-        *text += &match all.find(|(i, _)| mode(self.row, *i) != MODE_REGULAR) {
-            Some((i, one)) => {
-                let doing = doing(mode(self.row, i));
-                format!(
-                    "**Near the {} singularity: {doing}**  \n",
-                    singularity_name(one.kind, i)
-                )
-            }
-            None => "**Free: the hand can move in every direction**  \n".to_owned(),
+        let headline = match all.find(|(i, _)| mode(self.row, *i) != MODE_REGULAR) {
+            Some((i, one)) => format!(
+                "Near the {} singularity: {}",
+                singularity_name(one.kind, i),
+                doing(mode(self.row, i))
+            ),
+            None => "Free: the hand can move in every direction".to_owned(),
         };
-        let all = self.row.singularities().iter().zip(&self.history.past);
-        let past = all.enumerate();
-        let past = past.filter_map(|(i, (one, stay))| Some((i, one, (*stay)?)));
-        let mut past: Vec<_> = past.collect();
-        past.sort_by_key(|(_, _, stay)| stay.first);
+        Self::head(words, headline);
         let rate_hz = f64::from(self.rate_hz.max(1));
-        for (i, one, stay) in &past[past.len().saturating_sub(2)..] {
-            let [first, end] = [stay.first, stay.end].map(|tick| tick as f64 / rate_hz);
-            let doing = doing(stay.mode);
-            *text += &format!(
-                "{}, {first:.2} to {end:.2} s: {doing}.  \n",
-                coloured(*i, one)
-            );
+        let long = self.history.stretches.iter();
+        let long: Vec<&Stretch> = long
+            .filter(|one| (one.end - one.first) as f64 > SHORT_S * rate_hz)
+            .collect();
+        for stretch in &long[long.len().saturating_sub(3)..] {
+            let [first, end] = [stretch.first, stretch.end].map(|tick| tick as f64 / rate_hz);
+            let text = format!(", {first:.2} to {end:.2} s: {}", doing(stretch.mode));
+            words.add(Some(stretch.singularity), text);
         }
     }
 
-    /// The singularities that the arm is in.
-    fn tell_locks(&self, text: &mut String, locks: usize) {
-        let all = self.directions;
-        let rank = format!("rank {} of {all}", all.saturating_sub(locks));
-        *text += &match self.inside().next() {
-            Some((i, one)) if locks == 1 => {
+    /// The singularities that the arm is in, each with what control does there while the drives follow it.
+    fn tell_locks(&self, words: &mut Words, is_driven: bool) {
+        let all = self.row.singularities().iter().enumerate();
+        let inside: Vec<_> = all.filter(|(_, one)| one.inside == 1).collect();
+        let rank = format!(
+            "rank {} of {}",
+            self.directions.saturating_sub(inside.len()),
+            self.directions
+        );
+        let headline = match inside[..] {
+            [(i, one)] => {
                 // One that was found by number has no name but that.
                 let name = match one.kind {
                     KIND_NUMERIC => "Singular".to_owned(),
                     kind => capital(singularity_name(kind, i)) + " lock",
                 };
-                let lost = lost(one.angular == 1);
-                format!("**{name}: the hand cannot {lost}** · {rank}  \n")
+                format!(
+                    "{name}: the hand cannot {} · {rank}",
+                    lost(one.angular == 1)
+                )
             }
-            _ => format!("**{locks} directions are lost** · {rank}  \n"),
+            _ => format!("{} directions are lost · {rank}", inside.len()),
         };
-        for (i, one) in self.inside() {
+        Self::head(words, headline);
+        for (i, one) in inside {
             let (class, why) = (name_of(TYPES, one.class), reason(one.kind, self.joints));
-            let (name, doing) = (coloured(i, one), doing(mode(self.row, i)));
-            *text += &format!("{name}, {class}: {why}; {doing}.  \n");
+            let doing = match is_driven {
+                true => format!("; {}", doing(mode(self.row, i))),
+                false => String::new(),
+            };
+            words.add(Some(i), format!(", {class}: {why}{doing}"));
         }
     }
 }
@@ -325,10 +373,12 @@ pub(crate) fn doing(mode: u32) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_types::messages::{ControlState, PlantState, SingularityReport};
+    use shared_types::messages::{
+        ControlState, PlantState, SensorSample, SingularityReport, TorqueCommand,
+    };
     use shared_types::topics::ByTopic;
 
-    /// A stay is told with its times and its longest response, and how far a hand was off that should stand still.
+    /// Each response is told with its own times, and how far a hand was off that should stand still.
     #[test]
     fn the_past_is_known() {
         let (mut report, mut command) = <(SingularityReport, ControlState)>::default();
@@ -345,13 +395,49 @@ mod tests {
                 control_state: Some(&command),
                 ..ByTopic::default()
             };
-            let row = TickRow::new(tick, messages);
-            history.push(&row);
-            let (first, end, mode) = (10, 25, MODE_REORIENT);
-            let stay = Stay { first, end, mode };
-            assert_eq!(history.past[0], (tick >= 25).then_some(stay));
+            history.push(&TickRow::new(tick, messages));
             assert_eq!(history.off_mm(), Some(if tick < 7 { 1.0 } else { 8.5 }));
         }
+        let stretch = |first, end, mode| Stretch {
+            singularity: 0,
+            first,
+            end,
+            mode,
+        };
+        let expected = [stretch(10, 22, MODE_REORIENT), stretch(22, 25, MODE_TRACK)];
+        assert_eq!(history.stretches, expected);
+    }
+
+    /// A drive that brakes is told before all else, though torque comes.
+    #[test]
+    fn the_drive_comes_first() {
+        let (mut report, command) = <(SingularityReport, ControlState)>::default();
+        let (mut sensor, torque) = <(SensorSample, TorqueCommand)>::default();
+        (report.count, report.singularities[0].inside) = (1, 1);
+        sensor.drive = DRIVE_STOPPING;
+        let messages = ByTopic {
+            sensor: Some(&sensor),
+            torque: Some(&torque),
+            singularity: Some(&report),
+            control_state: Some(&command),
+            ..ByTopic::default()
+        };
+        let row = TickRow::new(0, messages);
+        let history = History::default();
+        let moment = |fault| Moment {
+            row: &row,
+            history: &history,
+            title: "",
+            joints: 6,
+            rate_hz: 1000,
+            directions: 6,
+            fault,
+        };
+        let words = moment(Some("Estimator: delay")).words();
+        let mut doings = MODES.iter().map(|(mode, _)| doing(*mode));
+        let lines: String = words.lines.iter().map(|line| line.1.as_str()).collect();
+        assert!(doings.all(|doing| !lines.contains(doing)));
+        assert!(words.headline != moment(None).words().headline);
     }
 
     #[test]

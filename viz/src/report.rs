@@ -1,33 +1,62 @@
-//! A run as one HTML page that needs nothing else, for people without a viewer.
+//! A run as one HTML page that needs nothing else, for people without a viewer: `report.html` is the page, this its contents.
 
-mod camera;
 mod drawing;
-mod html;
-mod moments;
 mod plot;
 mod recorded;
-mod stage;
 
+use minijinja::Environment;
+use minijinja::value::{Serde, Value};
 use model::Robot;
+use serde_json::json;
 use shared_types::codes::MODE_REGULAR;
 use shared_types::job::Job;
-use shared_types::summary::{BOUNDARY, Machine, Summary};
+use shared_types::summary::{BOUNDARY, Summary};
 
 use crate::blueprint::{ACROSS, ALONG, JOINTS};
 use crate::digits::digits;
-use crate::recording::axis_units;
-use crate::run::{Event, Happened, Tick};
+use crate::facts::Facts;
+use crate::narration::Words;
+use crate::pose::Rgba;
+use crate::run::{Happened, Tick};
 use crate::signals::Signal;
 use crate::sink::RecordError;
-use crate::solid::Rgba;
-use crate::tint::{faded, on_paper};
-use html::{Html, escaped};
-use plot::{Axis, BLUE, Plot, RED, numbered};
+use crate::tint::{faded, hex, on_paper};
+use drawing::{Drawing, WIDTH};
+use plot::{Curve, Plot};
 use recorded::{Recorded, stretches};
-use stage::Stage;
 
 /// Lines of the log that are shown.
 const LOG_LINES: usize = 200;
+/// Most bytes of the pictures between which the slider moves, and most of them.
+const BYTES: usize = 2_000_000;
+const FRAMES: usize = 400;
+/// Least |s|/η and least error that a plot shows, and the largest error: what is smaller is as good as zero.
+const LEAST: f64 = 1e-4;
+const MOST: f64 = 100.0;
+const GREY: Rgba = 0x787e8aff;
+const BLUE: Rgba = 0x0062b2ff;
+/// Colours of the governor's scales.
+const SCALES: [Rgba; 3] = [0x0062b2ff, 0x008c68ff, 0xc98c00ff];
+
+/// The contents of the plots.
+const PLOTTED: &[Signal] = {
+    use Signal::*;
+    &[
+        Measure,
+        PositionError,
+        OrientationError,
+        TorqueTask,
+        TorqueNull,
+        TorqueTaskRatio,
+        TorqueNullRatio,
+        PositionInRange,
+        Speed,
+        SpeedRatio,
+        Beta,
+        Scale,
+        Latency,
+    ]
+};
 
 /// The page of a run, HTML; without ticks there are neither pictures nor plots. `lacks`: what its record lacks, in clauses.
 ///
@@ -41,350 +70,278 @@ pub fn report(
     happened: &Happened,
     lacks: &[String],
 ) -> Result<String, RecordError> {
-    let recorded = &Recorded::read(job, robot, ticks, summary.ticks, happened)?;
-    let mut page = Html::default();
-    head(&mut page, summary, job, lacks);
-    let mut stage = Stage::new(robot, job, recorded);
-    if let Some(stage) = &mut stage {
-        stage.moments(&mut page, summary);
-    }
-    if recorded.is_empty() {
-        page.add("<p class=\"soft\">There is no recording, hence neither pictures nor plots.</p>");
-    } else {
-        page.heading("Arm and signals");
-        page.add("<div class=\"desk\">");
-        if let Some(stage) = &stage {
-            stage.slider(&mut page);
-        }
-        page.add("<div class=\"plots\">");
-        plots(&mut page, job, recorded, robot);
-        page.add("</div></div>");
-    }
-    tables(&mut page, summary);
-    events(&mut page, summary, recorded);
-    provenance(&mut page, summary);
-    if let Some(stage) = &mut stage {
-        stage.script(&mut page);
-    }
-    page.add("</body></html>");
-    Ok(page.text)
-}
-
-/// The run's title, its outcome, and what is missing of it.
-fn head(page: &mut Html, summary: &Summary, job: &Job, lacks: &[String]) {
-    let title = match job.scenario.title.as_str() {
-        "" => escaped(&summary.of.scenario),
-        title => escaped(title),
-    };
-    page.add(format_args!(
-        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">\
-         <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'\">\
-         <title>{title} · armplane</title><style>{}</style></head><body>\n<h1>{title}</h1>",
-        include_str!("report/report.css")
-    ));
-    let (outcome, reason) = (escaped(&summary.outcome), escaped(&summary.reason));
+    let facts = &Facts::new(job, robot, None, false)?;
+    let recorded = &Recorded::read(facts, ticks, summary.ticks, happened, PLOTTED);
     let class = match summary.outcome.as_str() {
         BOUNDARY => "fair",
         _ if summary.is_success() => "good",
         _ => "bad",
     };
-    page.add(format_args!(
-        "<p class=\"outcome {class}\">{outcome} — {reason}</p>"
-    ));
-    if !job.scenario.about.is_empty() {
-        page.add(format_args!("<p>{}</p>", escaped(&job.scenario.about)));
-    }
-    for lack in lacks {
-        page.add(format_args!("<p class=\"bad\">{}</p>", escaped(lack)));
-    }
+    let log = recorded.log.iter().take(LOG_LINES);
+    let log = log.map(|event| json!([event.tick, event.level.name(), event.text]));
+    let contents = json!({
+        "of": summary,
+        "title": facts.title,
+        "about": job.scenario.about,
+        "class": class,
+        "lacks": lacks,
+        "log": log.collect::<Vec<_>>(),
+        "more": recorded.log.len().saturating_sub(LOG_LINES),
+        "plots": plots(facts, recorded),
+        "stage": Drawing::new(facts, recorded).map(|drawing| stage(drawing, recorded, summary)),
+    });
+    page(&contents).map_err(|error| RecordError::Rerun(error.to_string()))
 }
 
-/// The texts of a row.
-macro_rules! row {
-    ($($cell:expr),* $(,)?) => { vec![$($cell.to_string()),*] };
+fn page(contents: &serde_json::Value) -> Result<String, minijinja::Error> {
+    let mut environment = Environment::new();
+    environment.add_filter("digits", digits);
+    for (name, text) in [
+        ("report.html", include_str!("report/report.html")),
+        ("report.css", include_str!("report/report.css")),
+        ("report.js", include_str!("report/report.js")),
+    ] {
+        environment.add_template(name, text)?;
+    }
+    let page = environment.get_template("report.html")?;
+    page.render(Value::from(Serde(contents)))
 }
 
-fn tables(page: &mut Html, summary: &Summary) {
-    let task = &summary.task;
-    page.heading("Accuracy");
-    page.table(
-        &["task error", "largest", "orthogonal to ζ", "at the end"],
-        [
-            row![
-                "position, mm",
-                digits(task.position_max_mm),
-                digits(task.orthogonal_max_mm),
-                digits(task.final_position_mm),
-            ],
-            row![
-                "orientation, °",
-                digits(task.orientation_max_deg),
-                digits(task.orthogonal_max_deg),
-                digits(task.final_orientation_deg),
-            ],
-        ],
-    );
-    let joints = &summary.joints;
-    let percent = |ratio: f64, has_limit: bool| match has_limit {
-        true => format!("{:.1} %", 100.0 * ratio),
-        false => "no limit".to_owned(),
+/// Words as the page shows them: colour and name of the singularity that a line is about, and the line.
+fn told(words: &Words, recorded: &Recorded) -> serde_json::Value {
+    let of = |(of, text): &(Option<usize>, String)| match of.and_then(|i| recorded.named.get(i)) {
+        Some(one) => json!([hex(on_paper(one.colour)), one.name, text]),
+        None => json!(["", "", text]),
     };
-    let torque = |ratio: f64| percent(ratio, joints.has_torque_limit);
-    let step = torque(joints.torque_step_max_ratio);
-    let speed = percent(joints.speed_max_ratio, joints.has_speed_limit);
-    page.table(
-        &["joint load, of the robot's limit", "largest"],
-        [
-            row!["torque", torque(joints.torque_max_ratio)],
-            row!["torque step in one tick", step],
-            row!["speed", speed],
-        ],
-    );
-    page.table(
-        &[
-            "singularity",
-            "type",
-            "min |s|",
-            "inside, ticks",
-            "entries",
-            "ζ turned, °",
-        ],
-        summary.singularities.iter().map(|one| {
-            let (s, turned) = (digits(one.s_min), digits(one.zeta_turned_deg));
-            row![
-                one.name,
-                one.class,
-                s,
-                one.inside_ticks,
-                one.entries,
-                turned
-            ]
-        }),
-    );
+    json!({ "headline": words.headline, "lines": words.lines.iter().map(of).collect::<Vec<_>>() })
 }
 
-/// Least |s|/η and least error that a plot shows: what is smaller is as good as zero.
-const LEAST: f64 = 1e-4;
+/// A few moments side by side, and the pictures between which the slider moves.
+fn stage(mut drawing: Drawing, recorded: &Recorded, summary: &Summary) -> serde_json::Value {
+    let ground = drawing.ground();
+    let faults = summary.faults.iter().filter(|fault| fault.occurred);
+    let mut moments = Vec::new();
+    for (tick, name) in recorded.moments(faults.map(|fault| fault.tick).min()) {
+        let Some(picture) = recorded.picture(tick) else {
+            continue;
+        };
+        let paths = [ground.clone(), drawing.at(picture)].concat();
+        moments.push(json!({
+            "name": name, "t": recorded.seconds(tick), "paths": paths,
+            "fault": recorded.fault(tick), "words": told(&picture.words, recorded),
+        }));
+    }
+    // Paths as the script reads them: the paint's number in two digits, then the path; a bar between.
+    let markup = |paths: Vec<(usize, String)>| {
+        let one = |(paint, path): &(usize, String)| format!("{:02}{path}", paint.min(&99));
+        paths.iter().map(one).collect::<Vec<_>>().join("|")
+    };
+    let all = &recorded.pictures;
+    let one = markup(drawing.at(&all[all.len() / 2])).len().max(1);
+    let stride = all.len().div_ceil((BYTES / one).clamp(2, FRAMES));
+    let some = all.iter().step_by(stride).chain(all.last());
+    let (mut times, mut frames, mut words) = (Vec::new(), Vec::new(), Vec::new());
+    for picture in some {
+        times.push(recorded.seconds(picture.tick));
+        frames.push(markup(drawing.at(picture)));
+    }
+    let mut before = None;
+    for picture in all
+        .iter()
+        .filter(|one| before.replace(&one.words) != Some(&one.words))
+    {
+        words.push(json!([
+            recorded.seconds(picture.tick),
+            told(&picture.words, recorded)
+        ]));
+    }
+    json!({
+        "moments": moments, "width": WIDTH, "height": drawing.height, "paints": drawing.paints, "end_s": recorded.end_s(),
+        "data": { "t": times, "p": drawing.paints, "g": markup(ground), "w": words, "f": frames },
+    })
+}
 
-fn plots(page: &mut Html, job: &Job, recorded: &Recorded, robot: &Robot) {
-    let turns = robot.task.0[3..].contains(&true);
-    let units = axis_units(robot);
+/// All plots, each with the caption of the row that it ends.
+fn plots(facts: &Facts, recorded: &Recorded) -> Vec<serde_json::Value> {
     let own: Vec<Rgba> = recorded
-        .singularities
+        .named
         .iter()
         .map(|one| on_paper(one.colour))
         .collect();
-    page.broad_figure(
-        &nearness(recorded, &own),
-        "Below 1 the arm is treated as singular. Upright bands: control there is not the regular one (blending, tracking by null-space \
-         motion, reorienting, holding).",
-    );
-    page.figure(
-        errors(job, recorded, turns),
+    let mut rows = vec![(
+        vec![nearness(recorded, facts.job, &own)],
+        "Below 1 the arm is treated as singular. Upright bands: control there is not the regular one (blending, tracking by null-space motion, reorienting, holding).",
+    )];
+    rows.push((
+        errors(facts, recorded),
         "Desired against true pose, orthogonal to and along the singular directions ζ that the arm is inside of.",
-    );
-    page.figure(
-        joints(recorded, units),
+    ));
+    rows.push((
+        joints(facts, recorded),
         "The joints; colours are the same in all four.",
-    );
-    let axis = Axis::within(-0.05..1.05);
-    let title = "β (1: hand, 0: null space) and governor";
-    let beta = |name: &str| format!("β {name}");
-    let mut scale = recorded.panel(title, Signal::Beta, axis, &own, beta);
-    for (i, line) in recorded.of(Signal::Scale).enumerate() {
-        scale.line(&line.name, numbered(i + 4), line.points.clone(), true);
-    }
-    let (title, axis) = ("latency per hop, µs", Axis::default().logarithmic());
-    let latency = recorded.panel(
-        title,
+    ));
+    let mut latency = panel(
+        recorded,
+        "latency per hop, µs",
         Signal::Latency,
-        axis,
         &JOINTS.map(on_paper),
-        str::to_owned,
+        "",
     );
-    page.figure(
-        [scale, latency],
+    latency.is_logarithmic = true;
+    rows.push((
+        vec![shares(recorded, &own), latency],
         "The share of the hand in control (β), and how fast path time, task torque and null-space torque are let through; and the hops of each tick, the \
          whole chain among them: in lockstep they say how fast the machine is, not how punctual.",
-    );
+    ));
+    let row = |(plots, caption): (Vec<Plot>, &str)| {
+        let plots = plots.iter().filter(|plot| !plot.curves.is_empty());
+        json!({ "plots": plots.map(drawn).collect::<Vec<_>>(), "caption": caption })
+    };
+    let rows = rows.into_iter().map(row);
+    rows.filter(|_| !recorded.lines.is_empty()).collect()
 }
 
-/// Position error and, of a task that `turns`, orientation error, each with its goal.
-fn errors(job: &Job, recorded: &Recorded, turns: bool) -> impl Iterator<Item = Plot> {
-    const MOST: f64 = 100.0;
-    let goal = &job.scenario.goal;
-    let all = [
-        (
-            "position error, mm",
-            Signal::PositionError,
-            goal.position_mm,
-        ),
-        (
+/// A plot as the page has it; the one of singularities as wide as the page, and drawn anew for a narrow one.
+fn drawn(plot: &Plot) -> serde_json::Value {
+    let sizes: &[[f64; 2]] = match plot.floor {
+        Some(_) => &[[700.0, 190.0], [350.0, 170.0]],
+        None => &[[350.0, 150.0]],
+    };
+    let drawings = sizes
+        .iter()
+        .map(|[width, height]| plot.drawing(*width, *height));
+    json!({
+        "title": plot.title, "drawings": drawings.collect::<Vec<_>>(),
+        "floor": plot.floor.map(|(_, colour)| hex(colour)),
+        "has_fault": !plot.faults.is_empty(),
+        "has_gap": plot.bands.iter().any(|(_, colour)| colour | 0xff == GREY),
+    })
+}
+
+/// The share of the hand in control, and what governor and limits let through.
+fn shares(recorded: &Recorded, own: &[Rgba]) -> Plot {
+    let title = "β (1: hand, 0: null space) and governor";
+    let mut plot = panel(recorded, title, Signal::Beta, own, "β ");
+    plot.range = Some(-0.05..1.05);
+    let scales = recorded.of(Signal::Scale).iter().zip(SCALES);
+    plot.curves.extend(scales.map(|(line, colour)| Curve {
+        name: line.name.clone(),
+        colour,
+        is_dashed: true,
+        points: line.points.clone(),
+    }));
+    plot
+}
+
+/// A diagram of a signal's lines, with the faults and gaps in it; `prefix`: before the names of the lines.
+fn panel(recorded: &Recorded, title: &str, signal: Signal, colours: &[Rgba], prefix: &str) -> Plot {
+    let seconds = |tick| recorded.seconds(tick);
+    let lines = recorded.of(signal);
+    let gaps = lines.iter().max_by_key(|line| line.gaps.len());
+    let gaps = gaps.into_iter().flat_map(|line| line.gaps.clone());
+    let curve = |(line, colour): (&recorded::Line, &Rgba)| Curve {
+        name: format!("{prefix}{}", line.name),
+        colour: *colour,
+        is_dashed: false,
+        points: line.points.clone(),
+    };
+    let faults = recorded.faulty().into_iter();
+    Plot {
+        title: title.to_owned(),
+        end_s: recorded.end_s(),
+        curves: lines
+            .iter()
+            .zip(colours.iter().cycle())
+            .map(curve)
+            .collect(),
+        bands: gaps.map(|gap| (gap, faded(GREY, 77))).collect(),
+        faults: faults
+            .map(|fault| seconds(fault.start)..seconds(fault.end))
+            .collect(),
+        ..Plot::default()
+    }
+}
+
+/// Position error and, of a task that turns the hand, orientation error, each with its goal.
+fn errors(facts: &Facts, recorded: &Recorded) -> Vec<Plot> {
+    let goal = &facts.job.scenario.goal;
+    let of = |title, signal, tolerance: f64| {
+        let mut plot = panel(recorded, title, signal, &[ACROSS, ALONG].map(on_paper), "");
+        (plot.is_logarithmic, plot.range) = (true, Some(LEAST..MOST));
+        for point in plot.curves.iter_mut().flat_map(|curve| &mut curve.points) {
+            point.1 = point.1.clamp(LEAST, MOST);
+        }
+        plot.curves.extend((tolerance < MOST).then(|| Curve {
+            name: "goal".to_owned(),
+            colour: GREY,
+            is_dashed: true,
+            points: vec![(0.0, tolerance), (recorded.end_s(), tolerance)],
+        }));
+        plot
+    };
+    let mut plots = vec![of(
+        "position error, mm",
+        Signal::PositionError,
+        goal.position_mm,
+    )];
+    if facts.task[3..].contains(&true) {
+        plots.push(of(
             "orientation error, °",
             Signal::OrientationError,
             goal.orientation_deg,
-        ),
-    ];
-    let count = if turns { 2 } else { 1 };
-    all.into_iter()
-        .take(count)
-        .map(|(title, signal, tolerance)| {
-            let axis = Axis::within(LEAST..MOST).logarithmic();
-            let mut panel = recorded.blank(title, axis);
-            let colours = [ACROSS, ALONG].map(on_paper);
-            let within = |_, value: f64| value.clamp(LEAST, MOST);
-            recorded.draw(&mut panel, signal, &colours, str::to_owned, within);
-            if tolerance < MOST {
-                let ends = vec![(0.0, tolerance), (recorded.end_s(), tolerance)];
-                panel.line("goal", RED, ends, true);
-            }
-            panel
-        })
+        ));
+    }
+    plots
 }
 
 /// How near the arm is to each singularity, in units of its neighbourhood.
-fn nearness(recorded: &Recorded, own: &[Rgba]) -> Plot {
-    let axis = Axis::within(1e-3..30.0).logarithmic();
-    let mut near = recorded.blank("|s|/η: how near to each singularity", axis);
-    near.floor("treated as singular", faded(BLUE, 33), 1.0);
-    let all = &recorded.singularities;
-    for (one, colour) in all.iter().zip(own) {
-        for stretch in stretches(&one.modes, recorded.last, |mode| *mode == MODE_REGULAR) {
-            let [from, to] = [stretch.start, stretch.end].map(|tick| recorded.seconds(tick));
-            near.band("", faded(*colour, 33), from..to);
+fn nearness(recorded: &Recorded, job: &Job, own: &[Rgba]) -> Plot {
+    let mut near = panel(
+        recorded,
+        "|s|/η: how near to each singularity",
+        Signal::Measure,
+        own,
+        "",
+    );
+    (near.is_logarithmic, near.range) = (true, Some(1e-3..30.0));
+    near.floor = Some((1.0, faded(BLUE, 33)));
+    for (curve, one) in near.curves.iter_mut().zip(&recorded.named) {
+        let eta = job.scenario.analysis.eta_in.of(one.kind).max(1e-12);
+        for point in &mut curve.points {
+            point.1 = (point.1.abs() / eta).clamp(LEAST, 1e6);
         }
     }
-    let of = |i: usize, s: f64| (s.abs() / all.get(i).map_or(1.0, |one| one.eta)).clamp(LEAST, 1e6);
-    recorded.draw(&mut near, Signal::Measure, own, str::to_owned, of);
+    for (modes, colour) in recorded.modes.iter().zip(own) {
+        for stretch in stretches(modes, recorded.last, |mode| *mode == MODE_REGULAR) {
+            let [from, to] = [stretch.start, stretch.end].map(|tick| recorded.seconds(tick));
+            near.bands.push((from..to, faded(*colour, 33)));
+        }
+    }
     near
 }
 
-/// Torques, positions and speeds of the joints: over their limits, or, where the limits are infinite, hence all is 0, themselves.
-fn joints(recorded: &Recorded, [speed_unit, load_unit]: [&'static str; 2]) -> [Plot; 4] {
-    let has = |signals: &[Signal]| signals.iter().any(|signal| recorded.moves(*signal));
-    let panel = |title: &str, signal, axis| {
-        let name = |name: &str| format!("q{name}");
-        recorded.panel(title, signal, axis, &JOINTS.map(on_paper), name)
-    };
+/// Torques, positions and speeds of the joints: over their limits, or, where some joint has none, themselves.
+fn joints(facts: &Facts, recorded: &Recorded) -> Vec<Plot> {
     use Signal::*;
-    let (task, null, of) =
-        match has(&[TorqueTask, TorqueNull]) && !has(&[TorqueTaskRatio, TorqueNullRatio]) {
-            true => (TorqueTask, TorqueNull, load_unit),
-            false => (TorqueTaskRatio, TorqueNullRatio, " / limit"),
-        };
-    let (speed, speed_of) = match has(&[Speed]) && !has(&[SpeedRatio]) {
-        true => (Speed, speed_unit),
-        false => (SpeedRatio, " / limit"),
+    let is_limited = |limits: &[f64]| limits.iter().all(|limit| limit.is_finite());
+    let [speed_unit, load_unit] = facts.axis_units();
+    let (task, null, load_unit) = match is_limited(&facts.limits.torque) {
+        true => (TorqueTaskRatio, TorqueNullRatio, " / limit"),
+        false => (TorqueTask, TorqueNull, load_unit),
     };
-    let range = Axis::within(-1.05..1.05);
-    [
-        panel(
-            &format!("hand torque, with gravity{of}"),
-            task,
-            Axis::default(),
-        ),
-        panel(&format!("null-space torque{of}"), null, Axis::default()),
-        panel("joints between their limits ±1", PositionInRange, range),
-        panel(&format!("joint speeds{speed_of}"), speed, Axis::default()),
+    let (speed, speed_unit) = match is_limited(&facts.limits.speed) {
+        true => (SpeedRatio, " / limit"),
+        false => (Speed, speed_unit),
+    };
+    let colours = JOINTS.map(on_paper);
+    let of =
+        |title, unit, signal| panel(recorded, &format!("{title}{unit}"), signal, &colours, "q");
+    let mut range = of("joints between their limits ±1", "", PositionInRange);
+    range.range = Some(-1.05..1.05);
+    vec![
+        of("hand torque, with gravity", load_unit, task),
+        of("null-space torque", load_unit, null),
+        range,
+        of("joint speeds", speed_unit, speed),
     ]
-}
-
-/// The run's own description.
-fn facts(page: &mut Html, summary: &Summary) {
-    let simulated_s = summary.ticks as f64 / f64::from(summary.of.rate_hz.max(1));
-    page.facts(&[
-        ("scenario", summary.of.scenario.clone()),
-        ("robot", summary.of.robot.clone()),
-        (
-            "mode",
-            format!("{}, seed {}", summary.of.mode, summary.of.seed),
-        ),
-        (
-            "length",
-            format!(
-                "{} ticks at {} Hz: {simulated_s:.3} s of the arm's time in {:.2} s",
-                summary.ticks, summary.of.rate_hz, summary.pace.wall_s
-            ),
-        ),
-        ("run", summary.of.run.clone()),
-    ]);
-}
-
-fn events(page: &mut Html, summary: &Summary, recorded: &Recorded) {
-    page.heading("Modes and faults");
-    let modes = summary.modes.iter();
-    let modes = modes.map(|change| row![change.tick, change.singularity, change.mode]);
-    page.some("No mode changed.", &["tick", "singularity", "mode"], modes);
-    let faults = summary.faults.iter();
-    page.some(
-        "No fault, refusal or loss.",
-        &["tick", "process", "fault", "what happened"],
-        faults.map(|fault| row![fault.tick, fault.process, fault.kind, fault.detail]),
-    );
-    if let Some(deadlines) = &summary.deadlines {
-        page.add(format_args!(
-            "<p>{} deadlines missed of {}.</p>",
-            deadlines.missed, deadlines.total
-        ));
-        let causes = deadlines.by_cause.iter();
-        let causes = causes.map(|(cause, count)| row![cause, count]);
-        page.some("", &["cause", "missed"], causes);
-    }
-    let latency = summary.latency_us.iter().map(|(hop, l)| {
-        let [p50, p99, p999, max] = [l.p50, l.p99, l.p999, l.max].map(digits);
-        row![hop, l.count, p50, p99, p999, max]
-    });
-    page.some(
-        "",
-        &["latency, µs", "samples", "p50", "p99", "p99.9", "max"],
-        latency,
-    );
-    if recorded.log.is_empty() {
-        return;
-    }
-    page.heading("Log");
-    let lines = recorded.log.iter().take(LOG_LINES);
-    let lines = lines.map(|Event { tick, level, text }| row![tick, level.name(), text]);
-    page.table(&["tick", "level", "what"], lines);
-    if recorded.log.len() > LOG_LINES {
-        page.add(format_args!(
-            "<p class=\"soft\">{} more lines are in the recording.</p>",
-            recorded.log.len() - LOG_LINES
-        ));
-    }
-}
-
-fn provenance(page: &mut Html, summary: &Summary) {
-    page.heading("Provenance");
-    facts(page, summary);
-    let Machine { cpu, cores, kernel } = &summary.machine;
-    let recorder = &summary.recorder;
-    let recording = match (recorder.file.as_str(), recorder.error.as_str()) {
-        ("", "") => "none".to_owned(),
-        (file, "") => format!("{file}, {:.1} MB", recorder.bytes as f64 / 1e6),
-        (_, error) => error.to_owned(),
-    };
-    let machine = match cpu.as_str() {
-        "" => "not recorded".to_owned(),
-        cpu => format!("{cpu}, {cores} cores, {kernel}"),
-    };
-    let messages = format!("{} received, {} lost", recorder.messages, recorder.lost);
-    page.facts(&[
-        ("armplane", summary.of.version.clone()),
-        ("machine", machine),
-        ("recording", recording),
-        ("messages", messages),
-    ]);
-    let processes = summary.processes.iter();
-    page.some(
-        "",
-        &["process", "pid", "restarts", "exit"],
-        processes.map(|one| row![one.name, one.pid, one.restarts, one.exit]),
-    );
-    let topics = summary.topics.iter();
-    page.some(
-        "",
-        &["topic", "messages", "hash of the contents"],
-        topics.map(|(name, topic)| row![name, topic.count, topic.hash]),
-    );
 }

@@ -8,9 +8,9 @@ use shared_types::codes::{
 };
 use shared_types::messages::SingularityState;
 
-use crate::arm::{Figure, Ring, vec3};
+use crate::body::{Body, Ring};
+use crate::pose::{Placement, vec3};
 use crate::signals::TickRow;
-use crate::solid::{Mesh, Placement, Rgba, disc};
 
 /// How clearly a singularity is shown.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -88,49 +88,6 @@ impl Mark {
     }
 }
 
-/// The lost direction as a solid of unit size along x: an axis with a turning arc for a rotation, a blocked double arrow for a translation.
-pub(crate) fn glyph(angular: bool, colour: Rgba) -> Mesh {
-    let mut mesh = Mesh::default();
-    for sense in [-1.0, 1.0] {
-        let out = Placement::along(Vec3::ZERO, Vec3::X * sense, Vec3::Y);
-        if angular {
-            mesh.add_extrusion(out, &[disc(0.0, 0.0, 0.022)], 0.0, 1.0, 0.02, colour);
-        } else {
-            mesh.add_extrusion(out, &[disc(0.0, 0.0, 0.035)], 0.0, 0.75, 0.005, colour);
-            mesh.add_cone(out, 0.1, 0.0, 0.7, 0.96, colour);
-            mesh.add_extrusion(out, &[disc(0.0, 0.0, 0.13)], 0.97, 1.0, 0.01, colour);
-        }
-    }
-    if angular {
-        // Three quarters of a turn in the plane across ζ, an arrow head at each end.
-        let radius = 0.72;
-        let point = |turn: f32| {
-            let (sin, cos) = (std::f32::consts::TAU * turn).sin_cos();
-            (
-                Vec3::new(0.0, radius * cos, radius * sin),
-                Vec3::new(0.0, -sin, cos),
-            )
-        };
-        let (from, to) = (0.03, 0.78);
-        let arc: Vec<Vec3> = (0..=32)
-            .map(|k| point(from + (to - from) * k as f32 / 32.0).0)
-            .collect();
-        mesh.add_tube(&arc, 0.035, colour);
-        for (turn, sense) in [(from, -1.0), (to, 1.0)] {
-            let (p, tangent) = point(turn);
-            mesh.add_cone(
-                Placement::along(p, tangent * sense, Vec3::X),
-                0.11,
-                0.0,
-                -0.02,
-                0.26,
-                colour,
-            );
-        }
-    }
-    mesh
-}
-
 /// A dashed line: every other piece of `dashes`, which begin with `phase` 0 or 1.
 pub(crate) fn dashed(from: Vec3, to: Vec3, dashes: usize, phase: usize) -> Vec<[Vec3; 2]> {
     let at = |k: usize| from.lerp(to, k as f32 / dashes.max(1) as f32);
@@ -144,11 +101,11 @@ pub(crate) fn dashed(from: Vec3, to: Vec3, dashes: usize, phase: usize) -> Vec<[
 type Reason = (usize, Vec<[Vec3; 2]>, bool);
 
 /// Lines that show why the arm is singular.
-pub(crate) fn reasons(kind: u32, figure: &Figure, dependent: &[usize]) -> Vec<Reason> {
-    let n = figure.links.len();
-    let half = 0.2 * figure.reach;
+pub(crate) fn reasons(kind: u32, body: &Body, dependent: &[usize]) -> Vec<Reason> {
+    let n = body.links;
+    let half = 0.2 * body.reach;
     let axis = |(phase, link): (usize, usize)| {
-        let axis = figure.rings.get(link).copied().flatten()?.axis;
+        let axis = body.rings.get(link).copied().flatten()?.axis;
         let dashes = dashed(-half * axis, half * axis, 21, phase);
         Some((link, dashes, phase == 1))
     };
@@ -160,28 +117,28 @@ pub(crate) fn reasons(kind: u32, figure: &Figure, dependent: &[usize]) -> Vec<Re
         KIND_WRIST if n >= 6 => axes(&[n - 3, n - 1]),
         KIND_SHOULDER if n >= 3 => axes(&[0, 2]),
         KIND_OVERHEAD => {
-            let ring = figure.rings.first().copied().flatten();
-            let axis = figure.reach * ring.map_or(Vec3::Z, |ring| ring.axis);
+            let ring = body.rings.first().copied().flatten();
+            let axis = body.reach * ring.map_or(Vec3::Z, |ring| ring.axis);
             vec![(0, dashed(-0.3 * axis, 1.15 * axis, 31, 0), false)]
         }
-        KIND_ELBOW => bones(figure).unwrap_or_default(),
+        KIND_ELBOW => bones(body).unwrap_or_default(),
         _ => axes(dependent),
     }
 }
 
 /// Upper arm and forearm; the first goes on dashed beyond its end: whether the second lies on it is seen.
-fn bones(figure: &Figure) -> Option<Vec<Reason>> {
-    let origin = |joint: usize| figure.joints.get(joint).map(|X_PJ| X_PJ.p);
+fn bones(body: &Body) -> Option<Vec<Reason>> {
+    let origin = |joint: usize| body.joints.get(joint).map(|X_PJ| X_PJ.p);
     // The parent's origin, in the link's frame, where it lies on the joint's axis.
     let back = |joint: usize| {
-        let X_PJ = figure.joints.get(joint)?;
+        let X_PJ = body.joints.get(joint)?;
         Some(X_PJ.R.transpose() * -X_PJ.p)
     };
-    let (upper, [shoulder, elbow], fore, [from, wrist]) = match figure.links.len() {
+    let (upper, [shoulder, elbow], fore, [from, wrist]) = match body.links {
         7 => (2, [back(2)?, origin(3)?], 4, [back(4)?, origin(5)?]),
         n => {
             let upper = usize::from(n >= 6);
-            let wrist = origin(upper + 2).or(figure.tip)?;
+            let wrist = origin(upper + 2).or(body.tip)?;
             let upper_arm = [Vec3::ZERO, origin(upper + 1)?];
             (upper, upper_arm, upper + 1, [Vec3::ZERO, wrist])
         }
@@ -214,35 +171,6 @@ pub(crate) fn dependent_joints(
         .collect()
 }
 
-/// A filled sector about `centre`, through successive directions.
-pub(crate) fn sector(centre: Vec3, directions: &[Vec3], radius: f32) -> Mesh {
-    let rim = directions
-        .iter()
-        .map(|direction| centre + *direction * radius);
-    let mut mesh = Mesh {
-        positions: std::iter::once(centre).chain(rim).collect(),
-        ..Mesh::default()
-    };
-    mesh.triangles
-        .extend((1..directions.len() as u32).map(|k| [0, k, k + 1]));
-    mesh
-}
-
-/// The edge of the neighbourhood: two rings at ±`edge` on the axis, through which the mark's ends pass as the arm enters it.
-pub(crate) fn rings(edge: f32, size: f32, colour: Rgba) -> Mesh {
-    let mut mesh = Mesh::default();
-    for x in [-edge, edge] {
-        let ring: Vec<Vec3> = (0..=24)
-            .map(|k| {
-                let (sin, cos) = (std::f32::consts::TAU * k as f32 / 24.0).sin_cos();
-                size * Vec3::new(x, 0.19 * cos, 0.19 * sin)
-            })
-            .collect();
-        mesh.add_tube(&ring, 0.014 * size, colour);
-    }
-    mesh
-}
-
 /// Follows null-space motion: joints that move while the hand stays, or while they take it along a direction it has lost.
 #[derive(Clone, Debug)]
 pub(crate) struct NullMotion {
@@ -253,13 +181,11 @@ pub(crate) struct NullMotion {
     /// Where it began: the hand's position and rotation in the base, and the joints.
     start: Option<(Vector3<f64>, Matrix3<f64>, [f64; MAX_DOF])>,
     /// How far the joints have moved since.
-    turned: [f64; MAX_DOF],
-    /// The same when it was last asked for.
-    asked: [f64; MAX_DOF],
+    pub(crate) turned: [f64; MAX_DOF],
 }
 
 /// Joint-space distance between two ghosts; rad.
-const GHOST_STEP: f64 = 0.3;
+const GHOST_STEP: f64 = 0.2;
 /// Most ghosts at once.
 const GHOSTS: usize = 8;
 /// Joint motion that is worth drawing anew; rad.
@@ -273,7 +199,6 @@ impl NullMotion {
             postures: Vec::with_capacity(GHOSTS),
             start: None,
             turned: still,
-            asked: still,
         }
     }
 
@@ -336,50 +261,34 @@ impl NullMotion {
         }
         false
     }
+}
 
-    /// Whether the joints have moved enough in the present null-space motion to be drawn anew.
-    pub(crate) fn has_turned(&mut self) -> bool {
-        let mut pairs = self.turned.iter().zip(&self.asked);
-        let changed = pairs.any(|(now, before)| (now - before).abs() > TURN_STEP);
-        let ended = self.start.is_none() && self.asked != [0.0; MAX_DOF];
-        let due = changed || ended;
-        if due {
-            self.asked = self.turned;
-        }
-        due
-    }
+/// The joints that move most in null-space motion, and how far; rad.
+pub(crate) fn most(turned: &[f64; MAX_DOF]) -> impl Iterator<Item = (usize, f64)> {
+    let most = turned
+        .iter()
+        .fold(0.0f64, |most, angle| most.max(angle.abs()));
+    let all = turned.iter().copied().enumerate();
+    all.filter(move |(_, angle)| angle.abs() > (0.5 * most).max(TURN_STEP))
+}
 
-    /// The joints that move most in it, and how far; rad.
-    pub(crate) fn most(&self) -> impl Iterator<Item = (usize, f64)> {
-        let most = self
-            .turned
-            .iter()
-            .fold(0.0f64, |most, angle| most.max(angle.abs()));
-        let all = self.turned.iter().copied().enumerate();
-        all.filter(move |(_, angle)| angle.abs() > (0.5 * most).max(TURN_STEP))
-    }
-
-    /// The same in words.
-    pub(crate) fn words(&self) -> String {
-        let one = |(i, angle): (usize, f64)| format!("q{} {:+.0}°", i + 1, angle.to_degrees());
-        let words = self.most().map(one).collect::<Vec<_>>().join(", ");
-        words.replace('-', "−")
-    }
+/// The same in words.
+pub(crate) fn turned_words(turned: &[f64; MAX_DOF]) -> String {
+    let one = |(i, angle): (usize, f64)| format!("q{} {:+.0}°", i + 1, angle.to_degrees());
+    let words = most(turned).map(one).collect::<Vec<_>>().join(", ");
+    words.replace('-', "−")
 }
 
 /// How far a joint has turned, as an arc with a barbed end about its axis, on the upper side of the link; `X_BL` is its link now, `angle` in rad.
 pub(crate) fn turning(ring: &Ring, X_BL: &Placement, angle: f32) -> Vec<Vec3> {
     let angle = angle.clamp(-6.0, 6.0);
     let turn = |angle: f32| Quat::from_axis_angle(ring.axis, angle);
-    let out = if (X_BL.R * (turn(-angle) * ring.out)).z < 0.0 {
-        -ring.out
-    } else {
-        ring.out
-    };
-    let point =
-        |angle: f32, radius: f32| X_BL.R * (ring.centre + turn(angle) * out * radius) + X_BL.p;
+    let out = ring.axis.any_orthonormal_vector();
+    let is_below = (X_BL.R * (turn(-angle) * out)).z < 0.0;
+    let out = if is_below { -out } else { out };
+    let point = |angle: f32, radius: f32| X_BL.of(ring.centre + turn(angle) * out * radius);
     let steps = (angle.abs() / 0.15).ceil().max(1.0);
-    let barb = (0.3f32).min(0.6 * angle.abs()).copysign(angle);
+    let barb = 0.3f32.min(0.6 * angle.abs()).copysign(angle);
     let (tip, r) = (point(0.0, ring.radius), ring.radius);
     let arc = (0..=steps as usize).map(|k| point(-angle * (1.0 - k as f32 / steps), r));
     arc.chain([point(-barb, 0.84 * r), tip, point(-barb, 1.16 * r)])
@@ -388,12 +297,7 @@ pub(crate) fn turning(ring: &Ring, X_BL: &Placement, angle: f32) -> Vec<Vec3> {
 
 /// A ghost link is drawn only where it does not lie in the real one: further than this, m or rad.
 pub(crate) fn differs(a: &Placement, b: &Placement) -> bool {
-    a.p.distance(b.p) > 0.01 || rotation(a).angle_between(rotation(b)) > 0.1
-}
-
-/// A placement's rotation as a quaternion.
-pub(crate) fn rotation(at: &Placement) -> Quat {
-    Quat::from_mat3(&at.R)
+    a.p.distance(b.p) > 0.01 || a.rotation().angle_between(b.rotation()) > 0.1
 }
 
 #[cfg(test)]
@@ -425,7 +329,7 @@ mod tests {
         let robot = model::Robot::builtin("puma560").expect("built in");
         let lines = reasons(
             KIND_WRIST,
-            &Figure::new(&robot, -0.6, &crate::meshes::Meshes::default()),
+            &Body::new(&robot, -0.6, &crate::meshes::Meshes::default()),
             &[],
         );
         let links: Vec<_> = lines
@@ -458,16 +362,16 @@ mod tests {
             };
             motion.update(&TickRow::new(0, messages))
         };
-        // Rest, then joints 4 and 6 against each other with the hand still: 1.4 rad of motion at 0.3 rad a ghost.
+        // Rest, then joints 4 and 6 against each other with the hand still: 1.4 rad of motion at 0.2 rad a ghost.
         assert!(!update(&mut motion, &state, &command));
         (state.qdot[3], state.qdot[5]) = (1.0, -1.0);
         for k in 0..100 {
             (state.q[3], state.q[5]) = (0.01 * f64::from(k), -0.01 * f64::from(k));
             update(&mut motion, &state, &command);
         }
-        assert!(motion.has_turned() && motion.postures.len() == 5);
-        assert_eq!(motion.words(), "q4 +57°, q6 −57°");
-        assert!(!motion.has_turned(), "nothing new to draw");
+        assert_eq!(motion.postures.len(), 7);
+        let joints: Vec<_> = most(&motion.turned).map(|(joint, _)| joint).collect();
+        assert_eq!(joints, [3, 5]);
         // The same speeds with the hand moving are no null-space motion, unless the null space takes the hand out of a Type 1 lock.
         (state.V_BE[0], state.q[3]) = (0.2, 2.0);
         assert!(!update(&mut motion, &state, &command));
@@ -476,6 +380,6 @@ mod tests {
         // The hand has left: ghosts and arcs go.
         state.p_BE[0] = 0.1;
         assert!(update(&mut motion, &state, &command) && motion.postures.is_empty());
-        assert!(motion.has_turned() && motion.most().next().is_none());
+        assert!(most(&motion.turned).next().is_none());
     }
 }

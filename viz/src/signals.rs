@@ -94,6 +94,8 @@ pub(crate) enum Kept {
 const LEAST: f64 = 1e-6;
 /// Steps of what is drawn to one, and of logarithms to a power of ten.
 const SHARES: f64 = 2048.0;
+/// The least error that a plot shows; mm, degrees.
+const FAINTEST: f64 = 1e-4;
 /// The least [`Signal::Nearness`]: what is exactly singular.
 const NEAREST: f64 = -3.0;
 
@@ -328,6 +330,10 @@ signals! {
 
     /// log₁₀(|s_i| / η_i): below 0 inside the neighbourhood.
     Nearness "drawn:nearness" "1" Drawn, Singularities, |t| t.each(|one| (one.s.abs() / one.eta_in.max(1e-9)).max(1e-9).log10().max(NEAREST));
+    /// log₁₀ of the position error; mm.
+    DrawnPositionError "drawn:position_error_log10" "1" Drawn, PARTS, |t| t.error(0).map(|e| e.map(|m| (1e3 * m).max(FAINTEST).log10()));
+    /// log₁₀ of the orientation error; degrees.
+    DrawnOrientationError "drawn:orientation_error_log10" "1" Drawn, PARTS, |t| t.error(1).map(|e| e.map(|w| w.to_degrees().max(FAINTEST).log10()));
     /// Joint positions between their limits.
     DrawnPosition "drawn:q_in_range" "1" Drawn, Joints, |t| t.in_range();
     /// Joint velocities over their limits; rad/s where a joint has none.

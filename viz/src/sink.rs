@@ -183,16 +183,12 @@ impl Sink {
     }
 
     /// Adds a blueprint, which shall be shown. All that has been logged before comes before it.
-    pub(crate) fn send_blueprint(
-        &self,
-        messages: Result<Vec<LogMsg>, RecordError>,
-        store: &StoreId,
-    ) {
+    pub(crate) fn send_blueprint(&self, blueprint: Result<(Vec<LogMsg>, StoreId), RecordError>) {
         if self.file.is_some() {
             self.done(self.stream.flush_blocking());
         }
-        match messages {
-            Ok(messages) => self.stream.send_blueprint(messages, activation(store)),
+        match blueprint {
+            Ok((messages, store)) => self.stream.send_blueprint(messages, activation(&store)),
             Err(error) => self.keep(error),
         }
     }

@@ -1,12 +1,14 @@
 //! The course of a run, as it changes: the lanes of the state timeline and the lines of the log. PURE.
 
+use shared_types::Message;
 use shared_types::codes::{DRIVES, MODES, PHASES, name_of, singularity_name};
 use shared_types::fault::Kind;
+use shared_types::graph::Graph;
 use shared_types::job::Job;
 use shared_types::summary::FaultSummary;
-use shared_types::{MAX_SINGULARITIES, Message};
+use shared_types::topics::CHAIN;
 
-use crate::entity::{self, LIVES, Lives};
+use crate::entity;
 use crate::narration::NO_FAULT;
 use crate::run::{Event, Happened, Level};
 use crate::signals::TickRow;
@@ -16,9 +18,10 @@ const PATIENCE: u64 = 3;
 /// How long a process counts as restarted; s.
 const FRESH_S: f64 = 0.5;
 
+/// What a lane of the state timeline is about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Lane {
-    Fault,
+enum What {
+    /// The writer of a topic of [`CHAIN`], by its place there; the recorder behind them.
     Process(usize),
     Drive,
     Phase,
@@ -26,11 +29,24 @@ enum Lane {
     Mode(usize),
 }
 
-/// The lanes but the faults', in the order in which they are told.
-fn lanes() -> impl Iterator<Item = Lane> {
-    let processes = (0..LIVES).map(Lane::Process);
-    let modes = (0..MAX_SINGULARITIES).map(Lane::Mode);
-    processes.chain([Lane::Drive, Lane::Phase]).chain(modes)
+/// A lane but that of the faults. The viewer names it by its path and orders lanes by it: it is as short as can be, with a number in front where
+/// lanes have an order.
+struct Lane {
+    what: What,
+    name: String,
+    path: String,
+    state: &'static str,
+}
+
+impl Lane {
+    fn new(what: What, name: String, path: String) -> Self {
+        Self {
+            what,
+            name,
+            path,
+            state: "",
+        }
+    }
 }
 
 /// A piece of news.
@@ -42,6 +58,8 @@ pub(crate) enum News<'a> {
         name: &'a str,
         /// Its place in a recording.
         path: &'a str,
+        /// The singularity of a lane of modes.
+        of: Option<usize>,
         state: &'a str,
     },
     Line(&'a Event),
@@ -114,38 +132,52 @@ fn words(fault: &FaultSummary) -> (String, String) {
 
 /// A run's story so far.
 pub(crate) struct Story {
-    lives: Lives,
+    lanes: Vec<Lane>,
     pub(crate) faults: Vec<Fault>,
     /// Names of the singularities, in the report's order; none before the first report.
     pub(crate) names: Vec<String>,
     fresh: u64,
-    /// The fault in force, and what each lane says.
+    /// What the lane of faults says.
     fault: Option<String>,
-    states: [&'static str; LIVES + 2 + MAX_SINGULARITIES],
     /// For how many ticks each writer's message has been missing, its incarnation, and until when it counts as restarted.
-    missing: [u64; LIVES],
-    incarnations: [u32; LIVES],
-    fresh_until: [u64; LIVES],
+    missing: [u64; CHAIN.len()],
+    incarnations: [u32; CHAIN.len()],
+    fresh_until: [u64; CHAIN.len()],
 }
 
 impl Story {
     pub(crate) fn new(job: &Job, happened: &Happened) -> Self {
         let rate_hz = job.scenario.rate_hz.max(1);
         let faults = happened.faults.iter();
-        let mut faults: Vec<_> = faults
-            .filter_map(|fault| Fault::of(fault, rate_hz))
-            .collect();
+        let faults = faults.filter_map(|fault| Fault::of(fault, rate_hz));
+        Self::of(
+            &job.graph,
+            faults.collect(),
+            (FRESH_S * f64::from(rate_hz)) as u64,
+        )
+    }
+
+    fn of(graph: &Graph, mut faults: Vec<Fault>, fresh: u64) -> Self {
         faults.sort_by_key(|fault| fault.tick);
+        let lives = entity::lives(graph).into_iter().map(|life| {
+            let path = entity::life(&life);
+            Lane::new(What::Process(life.0), format!("process/{}", life.1), path)
+        });
+        let others = [
+            (What::Drive, "drive", entity::DRIVE),
+            (What::Phase, "phase", entity::PHASE),
+        ];
+        let others =
+            others.map(|(what, name, path)| Lane::new(what, name.to_owned(), path.to_owned()));
         Self {
-            lives: Lives::of(&job.graph),
+            lanes: lives.chain(others).collect(),
             faults,
             names: Vec::new(),
-            fresh: (FRESH_S * f64::from(rate_hz)) as u64,
+            fresh,
             fault: None,
-            states: [""; _],
-            missing: [0; LIVES],
-            incarnations: [0; LIVES],
-            fresh_until: [0; LIVES],
+            missing: [0; _],
+            incarnations: [0; _],
+            fresh_until: [0; _],
         }
     }
 
@@ -155,98 +187,87 @@ impl Story {
         all.find(|fault| (fault.tick..fault.until).contains(&tick))
     }
 
-    fn name(&self, lane: Lane) -> String {
-        match lane {
-            Lane::Fault => "fault".to_owned(),
-            Lane::Process(place) => format!("process/{}", self.lives.name(place)),
-            Lane::Drive => "drive".to_owned(),
-            Lane::Phase => "phase".to_owned(),
-            Lane::Mode(i) => format!("mode/{}", self.names[i]),
-        }
-    }
-
-    /// The viewer names a lane by its path and orders lanes by it: it is as short as can be, with a number in front where lanes have an order.
-    fn path(&self, lane: Lane) -> String {
-        match lane {
-            Lane::Fault => entity::FAULT.to_owned(),
-            Lane::Process(place) => entity::life((place, self.lives.name(place))),
-            Lane::Drive => entity::DRIVE.to_owned(),
-            Lane::Phase => entity::PHASE.to_owned(),
-            Lane::Mode(i) => format!("/{}", self.names[i]),
-        }
-    }
-
     /// Takes a tick in, and tells what is new in it.
     pub(crate) fn push(&mut self, row: &TickRow, tell: &mut dyn FnMut(u64, News)) {
         if self.names.is_empty() {
-            let all = row.singularities().iter().enumerate();
-            let names = all.map(|(i, one)| singularity_name(one.kind, i).to_owned());
-            self.names = names.collect();
+            for (i, one) in row.singularities().iter().enumerate() {
+                let name = singularity_name(one.kind, i).to_owned();
+                let path = format!("/{name}");
+                self.lanes
+                    .push(Lane::new(What::Mode(i), format!("mode/{name}"), path));
+                self.names.push(name);
+            }
         }
         for event in row.events {
             tell(event.tick, News::Line(event));
         }
-        let fault = self
-            .fault(row.tick)
-            .map_or(NO_FAULT.0, |fault| fault.lane.as_str());
+        let fault = self.fault(row.tick);
+        let fault = fault.map_or(NO_FAULT.0, |fault| fault.lane.as_str());
         if self.fault.as_deref() != Some(fault) {
-            let fault = fault.to_owned();
-            self.tell_state(row.tick, Lane::Fault, &fault, tell);
-            self.fault = Some(fault);
+            let state = fault;
+            let (name, path, of) = ("fault", entity::FAULT, None);
+            let news = News::State {
+                name,
+                path,
+                of,
+                state,
+            };
+            tell(row.tick, news);
+            self.fault = Some(fault.to_owned());
         }
-        for (place, lane) in lanes().enumerate() {
-            let (state, before) = (self.state(lane, row, tell), self.states[place]);
-            if state.is_empty() || state == before {
+        for k in 0..self.lanes.len() {
+            let state = self.state(k, row, tell);
+            if state.is_empty() || state == self.lanes[k].state {
                 continue;
             }
-            self.states[place] = state;
-            self.tell_state(row.tick, lane, state, tell);
-            if let (Lane::Mode(i), false) = (lane, before.is_empty()) {
+            let before = std::mem::replace(&mut self.lanes[k].state, state);
+            let Lane {
+                what, name, path, ..
+            } = &self.lanes[k];
+            let of = match what {
+                What::Mode(i) => Some(*i),
+                _ => None,
+            };
+            let news = News::State {
+                name,
+                path,
+                of,
+                state,
+            };
+            tell(row.tick, news);
+            if let (Some(i), false) = (of, before.is_empty()) {
                 let text = format!("{}: {before} → {state}", self.names[i]);
                 tell_line(row.tick, Level::Info, text, tell);
             }
         }
     }
 
-    fn tell_state(&self, tick: u64, lane: Lane, state: &str, tell: &mut dyn FnMut(u64, News)) {
-        let (name, path) = (&self.name(lane), &self.path(lane));
-        tell(tick, News::State { name, path, state });
-    }
-
     /// The text of a lane; none if it is not known.
-    fn state(
-        &mut self,
-        lane: Lane,
-        row: &TickRow,
-        tell: &mut dyn FnMut(u64, News),
-    ) -> &'static str {
-        match lane {
-            Lane::Fault => "",
-            Lane::Process(place) if self.lives.name(place).is_empty() => "",
-            Lane::Process(place) if place + 1 == LIVES => self.recorder(row.tick),
-            Lane::Process(place) => self.life(place, row, tell),
-            Lane::Drive => row
-                .sensor
-                .map_or("", |sensor| name_of(DRIVES, sensor.drive)),
-            Lane::Phase => row
-                .torque
-                .map_or("", |torque| name_of(PHASES, torque.phase)),
-            Lane::Mode(i) if i < self.names.len() => row
+    fn state(&mut self, k: usize, row: &TickRow, tell: &mut dyn FnMut(u64, News)) -> &'static str {
+        let (torque, sensor) = (row.torque, row.sensor);
+        match self.lanes[k].what {
+            What::Process(place) if place == CHAIN.len() => self.recorder(k, row.tick),
+            What::Process(place) => self.life(k, place, row, tell),
+            What::Drive => sensor.map_or("", |sensor| name_of(DRIVES, sensor.drive)),
+            What::Phase => torque.map_or("", |torque| name_of(PHASES, torque.phase)),
+            What::Mode(i) => row
                 .control_state
                 .map_or("", |state| name_of(MODES, state.mode[i])),
-            Lane::Mode(_) => "",
         }
     }
 
+    /// The name of the process of a lane.
+    fn process(&self, k: usize) -> &str {
+        self.lanes[k].name.trim_start_matches("process/")
+    }
+
     /// The recorder sends nothing: its faults tell.
-    fn recorder(&self, tick: u64) -> &'static str {
-        let name = self.lives.name(LIVES - 1);
-        let mut own = self
+    fn recorder(&self, k: usize, tick: u64) -> &'static str {
+        let own = self
             .faults
             .iter()
-            .rev()
-            .filter(|fault| fault.process == name);
-        match own.find(|fault| fault.tick <= tick) {
+            .filter(|fault| fault.process == self.process(k));
+        match own.rev().find(|fault| fault.tick <= tick) {
             Some(fault) if tick < fault.until => "silent",
             Some(fault) if tick < fault.until.saturating_add(self.fresh) => "restarted",
             _ => "up",
@@ -254,7 +275,13 @@ impl Story {
     }
 
     /// The state of a process. A writer whose own input is missing waits; one that has its input and writes nothing is silent.
-    fn life(&mut self, i: usize, row: &TickRow, tell: &mut dyn FnMut(u64, News)) -> &'static str {
+    fn life(
+        &mut self,
+        k: usize,
+        i: usize,
+        row: &TickRow,
+        tell: &mut dyn FnMut(u64, News),
+    ) -> &'static str {
         let header = match i {
             0 => row
                 .sensor
@@ -273,7 +300,7 @@ impl Story {
         let Some(incarnation) = header.map(|header| header.incarnation) else {
             self.missing[i] += 1;
             return match has_input {
-                _ if self.missing[i] < PATIENCE && !self.states[i].is_empty() => "",
+                _ if self.missing[i] < PATIENCE && !self.lanes[k].state.is_empty() => "",
                 true => "silent",
                 false => "waiting",
             };
@@ -282,7 +309,7 @@ impl Story {
         let before = self.incarnations[i];
         self.incarnations[i] = before.max(incarnation);
         if before > 0 && incarnation > before {
-            let name = self.lives.name(i);
+            let name = self.process(k);
             let text = format!("{name} is back as incarnation {incarnation}");
             tell_line(row.tick, Level::Warning, text, tell);
             self.fresh_until[i] = row.tick + self.fresh;
@@ -302,24 +329,14 @@ fn tell_line(tick: u64, level: Level, text: String, tell: &mut dyn FnMut(u64, Ne
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_types::graph::Graph;
     use shared_types::topics::ByTopic;
     use shared_types::{SensorSample, SingularityReport, StateEstimate, TorqueCommand};
 
     /// A writer whose input is missing waits, one that has it is silent; both after a few ticks.
     #[test]
     fn missing_messages_are_told() {
-        let mut story = Story {
-            lives: Lives::of(&Graph::built_in(false).expect("valid")),
-            faults: Vec::new(),
-            names: Vec::new(),
-            fresh: 500,
-            fault: None,
-            states: [""; _],
-            missing: [0; LIVES],
-            incarnations: [0; LIVES],
-            fresh_until: [0; LIVES],
-        };
+        let graph = Graph::built_in(false).expect("valid");
+        let mut story = Story::of(&graph, Vec::new(), 500);
         let sensor = SensorSample::default();
         let estimate = StateEstimate::default();
         let (mut report, torque) = <(SingularityReport, TorqueCommand)>::default();

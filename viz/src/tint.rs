@@ -1,6 +1,6 @@
 //! The viewer's colours on paper. PURE.
 
-use crate::solid::Rgba;
+use crate::pose::Rgba;
 
 /// The largest luminance of a line on white paper: a contrast of three to one.
 const LIGHTEST: f32 = 0.30;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use rerun::external::arrow::array::{ArrayRef, Float64Array, Int64Array};
 use rerun::external::arrow::datatypes::{DataType, Field, Schema};
 
-use crate::recording::Facts;
+use crate::facts::Facts;
 use crate::run::Tick;
 use crate::signals::{Elements, Kept, Signal};
 

@@ -1,323 +1,153 @@
-//! The marks of singularities: the lost direction ζ, what it has swept, the lines that show why the arm is singular, and two captions.
+//! The strokes and captions of a picture, and of a steered arm what is asked for.
 
-use glam::{Mat3, Vec3};
-use nalgebra::SVector;
-use re_sdk_types::archetypes::Transform3D;
-use shared_types::MAX_DOF;
-use shared_types::codes::{KIND_NUMERIC, MODE_REORIENT, reason_text, singularity_name};
+use std::collections::BTreeSet;
+
+use glam::{Mat3, Quat, Vec3};
+use re_sdk_types::archetypes::{LineStrips3D, Mesh3D, Points3D};
+use re_sdk_types::components::Radius;
+use shared_types::codes::reason_text;
 
 use super::Recording;
-use super::picture::UNSEEN;
-use super::shapes::{arrows, ghost3d, lines, mesh3d, tinted, words};
-use crate::scene::{self, Look, Mark, Presence, dashed, glyph};
-use crate::signals::TickRow;
-use crate::solid::{Placement, Rgba};
-use crate::tint::faded;
-use crate::{entity, narration};
+use super::draw::{array, arrows, lines};
+use crate::entity;
+use crate::narration::lost;
+use crate::picture::Picture;
+use crate::pose::{Placement, Rgba, vec3};
+use crate::scene::{Presence, turned_words};
+use crate::signals::{TickRow, halves};
+use crate::strokes::{Frame, Stroke, strokes};
 
-/// Cosine of 8°: how far ζ turns between two pictures of what it has swept.
-const SWEEP_STEP: f32 = 0.9903;
-/// So many directions of ζ, a few degrees, are worth no picture.
-const FEW: usize = 2;
-/// Colour of a direction that is free again.
-const FREE: Rgba = 0x5adc78ff;
-/// How far above and below the centre of the marks the captions stand, in half lengths of a mark.
-const CAPTION: f32 = 1.25;
+/// Time by which the arrows and the ghost of a steered arm are ahead, s: the horizon of the law's prediction.
+const AHEAD_S: f32 = 0.5;
+/// The target's colour, and the ghost's.
+const ASKED: Rgba = 0xe8dc60ff;
+const GHOST: Rgba = 0x86d4aac8;
+/// Twist that is drawn; m/s, rad/s.
+const LEAST: f32 = 1e-3;
+/// Lines of a curve.
+const PIECES: usize = 24;
 
-/// The mark of a singularity as the present part has it.
-#[derive(Default)]
-pub(super) struct Shown {
-    look: Look,
-    /// Whether ζ turns, of a mark that has its meshes.
-    drawn: Option<bool>,
-    swept: Option<Swept>,
-}
-
-/// The sector that ζ has swept since the arm entered.
-struct Swept {
-    /// ζ at successive steps, from entry on.
-    directions: Vec<Vec3>,
-    is_turning: bool,
-    /// The hand when ζ had been turned, and the segment that turns it about the old ζ.
-    freed: Option<glam::Mat3>,
-    segment: Option<usize>,
-    /// The words on it.
-    text: String,
-}
-
-/// A singularity's mark at a tick, and what the task does there.
-struct Named<'a> {
-    tick: u64,
-    name: &'a str,
-    tint: Rgba,
-    look: Look,
-    centre: Vec3,
-    zeta: Vec3,
-    segment: usize,
-    is_turning: bool,
-}
-
-impl Named<'_> {
-    /// A part of the mark.
-    fn part(&self, part: &str) -> String {
-        format!("{}{}/{part}", entity::SINGULARITY, self.name)
-    }
-
-    /// A picture of ζ: the `sector` swept, and ζ as it was at the `entry`.
-    fn zeta(&self, part: &str) -> String {
-        format!("/world/zeta/{}/{part}", self.name)
-    }
+/// Words at the origin.
+fn label(text: &str) -> Points3D {
+    Points3D::new([[0.0; 3]])
+        .with_radii([Radius::new_ui_points(0.0)])
+        .with_colors([0xe8ecf4ff])
+        .with_labels([text])
+        .with_show_labels(true)
 }
 
 impl Recording<'_> {
-    /// Marks change their looks rarely; their places go with the picture.
-    pub(super) fn write_marks(
-        &mut self,
-        row: &TickRow,
-        q: &[f64; MAX_DOF],
-        marks: &[Mark],
-        hand: &Placement,
-    ) {
-        let singularities = self.subject.singularities.clone();
-        let all = row.singularities().iter().zip(marks).zip(&singularities);
-        for (i, ((one, mark), (name, tint))) in all.enumerate() {
-            let command = row.control_state;
-            let named = Named {
-                tick: row.tick,
-                name,
-                tint: *tint,
-                look: mark.look,
-                centre: mark.X_BS.p,
-                zeta: mark.zeta(),
-                segment: command.map_or(0, |state| state.segment as usize),
-                is_turning: command.is_some_and(|state| state.mode[i] == MODE_REORIENT),
-            };
-            // Taken out while it changes: the rest of the recording is read then.
-            let mut shown = std::mem::take(&mut self.picture.marks[i]);
-            if shown.look != mark.look {
-                shown.look = mark.look;
-                self.write_look(&mut shown, &named, mark.edge);
-                self.write_why(&named, one.kind, q);
-            }
-            shown.swept = self.write_swept(shown.swept.take(), &named, hand);
-            self.picture.marks[i] = shown;
-        }
-    }
-
-    /// The mark's solid, the rings where it is entered and, inside, the other axes of the singular frame.
-    fn write_look(&mut self, shown: &mut Shown, mark: &Named, edge: f32) {
-        let (tick, unit) = (mark.tick, self.run.mark_size());
-        let Look { presence, angular } = mark.look;
-        let [solid, rings] = ["glyph", "edge"].map(|part| mark.part(part));
-        // Meshes are large: they are written once, later changes are their tint and their size.
-        if shown.drawn != Some(angular) && presence != Presence::Hidden {
-            shown.drawn = Some(angular);
-            self.sink
-                .log(tick, &solid, &mesh3d(&glyph(angular, mark.tint)));
-            let edge = scene::rings(edge, unit, 0xffffffff);
-            self.sink.log(tick, &rings, &ghost3d(&edge, 0xffffffff));
-        }
-        let scale = |scale: f32| Transform3D::update_fields().with_scale(scale);
-        let tints = match presence {
-            Presence::Hidden => None,
-            Presence::Near => Some((0xffffff46, 0xbec3cdff)),
-            Presence::Inside => Some((0xffffffff, 0xff6e6eff)),
+    /// The strokes of a picture, each written where it is another one, and the captions.
+    pub(super) fn draw_marks(&mut self, row: &TickRow, picture: &Picture) {
+        let (tick, unit) = (row.tick, self.run.mark_size());
+        let strokes = strokes(self.run, &self.scene.named, picture, unit);
+        let path = |stroke: &Stroke| match stroke.frame {
+            Frame::Link(link) => format!("{}/{}", entity::link(entity::LINK, link), stroke.name),
+            _ => format!("{}/{}", entity::WORLD, stroke.name),
         };
-        if let Some((inner, rim)) = tints {
-            self.sink.log(tick, &solid, &tinted(inner));
-            self.sink.log(tick, &rings, &tinted(rim));
-            self.sink.log(tick, &rings, &scale(1.0));
-        } else {
-            self.sink.log(tick, &solid, &scale(UNSEEN));
-            self.sink.log(tick, &rings, &scale(UNSEEN));
-        }
-        let axes = match presence {
-            Presence::Inside => &[Vec3::Y, Vec3::Z][..],
-            _ => &[],
-        };
-        let axes = axes.iter().map(|axis| 0.5 * unit * *axis);
-        let axes = arrows(Vec3::ZERO, axes, 0xc8d0dcff, 0.012 * unit);
-        self.sink.log(tick, mark.part("axes"), &axes);
-    }
-
-    /// Axes and bones that fall into one line, on the links they belong to: they move with the arm and cost nothing per tick.
-    fn write_why(&mut self, mark: &Named, kind: u32, q: &[f64; MAX_DOF]) {
-        let (joints, reach) = (self.subject.joints, self.run.figure.reach);
-        let path = |link: usize| format!("{}/why_{}", entity::link(entity::LINK, link), mark.name);
-        if mark.look.presence == Presence::Hidden {
-            return self.clear(mark.tick, (0..joints).map(path));
-        }
-        if (0..joints).any(|link| self.picture.drawn.contains(&path(link))) {
-            return;
-        }
-        let dependent = match kind {
-            KIND_NUMERIC if joints <= 6 => {
-                let J = self.run.arm.jacobian(&SVector::from(*q));
-                scene::dependent_joints(&J, joints, f64::from(0.4 * reach))
-            }
-            _ => Vec::new(),
-        };
-        for (link, strips, is_second) in scene::reasons(kind, &self.run.figure, &dependent) {
-            let drawn = if is_second { 0xf5f5faff } else { mark.tint };
-            let strips = lines(strips, drawn, 0.0025 * reach);
-            self.draw(mark.tick, path(link), &strips);
-        }
-    }
-
-    /// The sector that ζ has swept since the arm entered; the old ζ, green once it is free again; and their words.
-    fn write_swept(
-        &mut self,
-        swept: Option<Swept>,
-        mark: &Named,
-        hand: &Placement,
-    ) -> Option<Swept> {
-        let is_inside = mark.look.presence == Presence::Inside;
-        let begin = || Swept {
-            directions: vec![mark.zeta],
-            is_turning: false,
-            freed: None,
-            segment: None,
-            text: String::new(),
-        };
-        let mut swept = swept.or_else(|| is_inside.then(begin))?;
-        let (first, last) = (swept.directions[0], *swept.directions.last()?);
-        // ζ is a line: its sign may be either.
-        let zeta = mark.zeta * last.dot(mark.zeta).signum();
-        let segment = self.run.job.scenario.segment.get(mark.segment);
-        let goal = segment.and_then(|one| one.reorient.as_ref());
-        let goal = goal.filter(|turn| turn.singularity == mark.name);
-        let goal = goal.map(|turn| turn.by_deg);
-        let is_over = segment.is_some() && swept.segment.is_some_and(|of| of != mark.segment);
-        if is_over || (!is_inside && swept.freed.is_none()) {
-            // It left as it came, or the task has gone on to something else.
-            self.clear(mark.tick, ["sector", "entry"].map(|part| mark.zeta(part)));
-            return is_inside.then(begin);
-        }
-        if let Some(R_0) = swept.freed {
-            let by = hand.R * R_0.transpose();
-            return Some(self.write_freed(swept, mark, by));
-        }
-        let has_ended = swept.is_turning && !mark.is_turning;
-        swept.is_turning = mark.is_turning;
-        if last.dot(zeta) < SWEEP_STEP || has_ended {
-            swept.directions.push(zeta);
-            self.write_sector(mark, &swept.directions);
-        }
-        if swept.directions.len() > FEW {
-            let steps = swept.directions.windows(2);
-            let turned: f32 = steps.map(|pair| pair[0].angle_between(pair[1])).sum();
-            let turned = (turned + swept.directions.last()?.angle_between(zeta)).to_degrees();
-            swept.text = format!("ζ turned {turned:.0}°{}", of(goal));
-            if first.dot(zeta).abs() < 0.72 && !mark.is_turning {
-                // Turned far enough, and the task goes on with another segment: the hand may rotate about the old ζ.
-                swept.freed = Some(hand.R);
-                swept.text = "the old ζ is free again".to_owned();
-                self.write_old_zeta(mark, first, FREE);
+        let present: BTreeSet<String> = strokes.iter().map(path).collect();
+        for gone in std::mem::replace(&mut self.strokes, present) {
+            if !self.strokes.contains(&gone) {
+                self.show(tick, gone, None, |_| LineStrips3D::clear_fields());
             }
         }
-        Some(swept)
-    }
-
-    /// The hand's rotation about the old ζ, by `by` since that is free again.
-    fn write_freed(&mut self, mut swept: Swept, mark: &Named, by: Mat3) -> Swept {
-        let segment = self.run.job.scenario.segment.get(mark.segment);
-        if let Some(turn) = segment.and_then(|one| one.turn.as_ref()) {
-            let (axis, angle) = glam::Quat::from_mat3(&by).to_axis_angle();
-            let turned = (angle * axis.dot(swept.directions[0])).to_degrees().abs();
-            swept.segment = Some(mark.segment);
-            swept.text = format!("free again: {turned:.0}°{}", of(Some(turn.by_deg)));
-        }
-        if mark.look.presence == Presence::Hidden {
-            self.clear(mark.tick, [mark.zeta("sector")]);
-        }
-        swept
-    }
-
-    /// The sector through successive directions.
-    fn write_sector(&mut self, mark: &Named, directions: &[Vec3]) {
-        if directions.len() <= FEW {
-            return;
-        }
-        let sector = scene::sector(mark.centre, directions, 0.95 * self.run.mark_size());
-        let sector = ghost3d(&sector, faded(mark.tint, 90));
-        self.draw(mark.tick, mark.zeta("sector"), &sector);
-        if directions.len() == FEW + 1 {
-            self.write_old_zeta(mark, directions[0], faded(mark.tint, 200));
-        }
-    }
-
-    /// ζ as it was when the arm entered, dashed.
-    fn write_old_zeta(&mut self, mark: &Named, zeta: Vec3, colour: Rgba) {
-        let end = 1.15 * self.run.mark_size() * zeta;
-        let dashes = dashed(mark.centre - end, mark.centre + end, 15, 0);
-        let dashes = lines(dashes, colour, self.run.fine());
-        self.draw(mark.tick, mark.zeta("entry"), &dashes);
-    }
-
-    /// Where the marks are, and how large.
-    pub(super) fn place_marks(&mut self, tick: u64, marks: &[Mark]) {
-        let unit = self.run.mark_size();
-        let names = self.subject.singularities.clone();
-        for (mark, (name, _)) in marks.iter().zip(&names) {
-            // Hidden entities need no pose.
-            if mark.look.presence != Presence::Hidden {
-                let path = format!("{}{name}", entity::SINGULARITY);
-                let sizes = &mut self.track(format!("{path}/glyph"), tick).sizes;
-                sizes.push([unit * mark.size; 3]);
-                self.place(path, tick, mark.X_BS);
-            }
-        }
-    }
-
-    /// Two captions, so that none is ever drawn over another: what is lost, above the marks, and what happens, below them.
-    pub(super) fn write_captions(&mut self, row: &TickRow, marks: &[Mark], hand: Vec3) {
-        let inside = row.singularities().iter().enumerate();
-        let inside: Vec<_> = inside.filter(|(_, one)| one.inside == 1).collect();
-        let name = |(i, one): &(usize, &shared_types::SingularityState)| {
-            singularity_name(one.kind, *i).to_owned()
-        };
-        let lost = match &inside[..] {
-            [] => String::new(),
-            [only] => format!(
-                "{}: cannot {}",
-                name(only),
-                narration::lost(only.1.angular == 1)
-            ),
-            all => all.iter().map(name).collect::<Vec<_>>().join(", ") + ": locked",
-        };
-        let marks_shown = self.picture.marks.iter();
-        let swept = marks_shown.filter_map(|shown| shown.swept.as_ref());
-        let swept = swept.filter(|swept| !swept.text.is_empty());
-        let swept = swept.max_by_key(|swept| swept.freed.is_some());
-        let now = match (row.servo_state, swept) {
-            (Some(state), _) => reason_text(state.reason, state.joint, state.upper).to_string(),
-            (None, Some(swept)) if swept.freed.is_some() => swept.text.clone(),
-            (None, swept) => {
-                let swept = swept.map(|swept| swept.text.clone());
-                let parts = [self.motion.null.words(), swept.unwrap_or_default()];
-                let parts = parts.into_iter().filter(|part| !part.is_empty());
-                parts.collect::<Vec<_>>().join(": ")
-            }
-        };
-        let up = self.subject.eye.up.normalize_or(Vec3::Z) * (CAPTION * self.run.mark_size());
-        let centre = marks.first().map_or(hand, |mark| mark.X_BS.p);
-        let all = [(lost, centre + up), (now, centre - up)];
-        for (k, (text, p)) in all.into_iter().enumerate() {
-            let path = format!("{}{k}", entity::CAPTION);
-            if text.is_empty() {
-                self.clear(row.tick, [path]);
+        for stroke in &strokes {
+            let key = Some(format!("{:?} {}", stroke.strips, stroke.colour));
+            if stroke.is_area {
+                let corners = &stroke.strips[0];
+                self.show(tick, path(stroke), key, |_| {
+                    Mesh3D::new(array(corners.iter().copied()))
+                        .with_triangle_indices((2..corners.len() as u32).map(|k| [0, k - 1, k]))
+                        .with_albedo_factor(stroke.colour)
+                });
             } else {
-                if self.picture.captions[k] != text {
-                    self.draw(row.tick, path.clone(), &words(&text));
-                }
-                self.place(path, row.tick, Placement::at(p));
+                let strips = || stroke.strips.iter().map(|strip| strip.iter().copied());
+                let lines = |_: &Self| lines(strips(), stroke.colour, stroke.radius);
+                self.show(tick, path(stroke), key, lines);
             }
-            self.picture.captions[k] = text;
         }
+        for (i, sign) in picture.signs.iter().enumerate() {
+            let (mark, named) = (sign.mark, &self.scene.named[i]);
+            let name = named.name.clone();
+            if mark.look.presence != Presence::Hidden {
+                self.place(format!("{}{name}", entity::SINGULARITY), tick, mark.X_BS);
+            }
+            self.place(
+                format!("/world/zeta/{name}"),
+                tick,
+                Placement::at(mark.X_BS.p),
+            );
+            // The name stands at ζ's own end, what has become of it at the old one's.
+            let lost = match mark.is_inside() {
+                true => format!("{name}: cannot {}", lost(mark.look.angular)),
+                false => String::new(),
+            };
+            let end = mark.zeta() * (1.15 * unit * mark.size);
+            let up = |end: Vec3| if end.z < 0.0 { -end } else { end };
+            self.caption(tick, &name, lost, mark.X_BS.p + up(end));
+            let entry = sign.swept.first().copied().unwrap_or_default() * (1.25 * unit);
+            let below = mark.X_BS.p - up(entry);
+            self.caption(tick, &format!("{name}_turned"), sign.note.clone(), below);
+        }
+        let reason = row
+            .servo_state
+            .map(|s| reason_text(s.reason, s.joint, s.upper).to_string());
+        let words = reason.unwrap_or_else(|| turned_words(&picture.turned));
+        self.caption(tick, "now", words, picture.hand.p - Vec3::Z * (1.3 * unit));
+    }
+
+    /// A caption at a place; empty words: none.
+    fn caption(&mut self, tick: u64, name: &str, words: String, at: Vec3) {
+        let path = format!("{}{name}", entity::CAPTION);
+        if !words.is_empty() {
+            self.place(path.clone(), tick, Placement::at(at));
+        }
+        let key = Some(words.clone()).filter(|words| !words.is_empty());
+        self.show(tick, path, key, |_| label(&words));
+    }
+
+    /// Of a steered run, the twist that its target asks for: an arrow as long as its way in half a second and an arc as wide as its turn; the line to the
+    /// place that is asked for; and the hand of the reference arm half a second ahead, where nothing but its present twist moves it.
+    pub(super) fn draw_target(&mut self, row: &TickRow, picture: &Picture) {
+        let Some(state) = row.servo_state else { return };
+        let (unit, hand) = (self.run.mark_size(), picture.hand.p);
+        let [v, w] = vectors(&state.V_target);
+        let motion = (v * AHEAD_S).clamp_length_min(0.2 * unit);
+        let motion = (v.length() > LEAST).then_some([hand, motion]);
+        let motion = arrows(motion, ASKED, 0.025 * unit);
+        self.sink.log(row.tick, "/world/asked/motion", &motion);
+        let mut strips: Vec<Vec<Vec3>> = Vec::new();
+        if w.length() > LEAST {
+            let start = w.normalize().any_orthonormal_vector() * (0.75 * unit);
+            let at = |k: usize| hand + turned(w * (k as f32 / PIECES as f32)) * start;
+            strips.push((0..=PIECES).map(at).collect());
+        }
+        let place = vec3(&state.p_target.into());
+        if place.distance(hand) > 0.02 * unit && place != Vec3::ZERO {
+            strips.push(vec![hand, place]);
+        }
+        let strips = lines(strips, ASKED, 0.018 * unit);
+        self.sink.log(row.tick, "/world/asked/turn", &strips);
+        let [v, w] = row
+            .control_state
+            .map_or([Vec3::ZERO; 2], |command| vectors(&command.V_BE_d));
+        let from = picture.desired.unwrap_or(picture.hand);
+        let (end, R) = (from.p + v * AHEAD_S, Mat3::from_quat(turned(w)) * from.R);
+        let moves = v.length() > LEAST || w.length() > LEAST;
+        let axes = [R.x_axis, R.y_axis, R.z_axis].map(|axis| [end, axis * unit]);
+        let axes = arrows(axes.into_iter().filter(|_| moves), GHOST, 0.015 * unit);
+        self.sink.log(row.tick, "/world/ahead/hand", &axes);
+        let way = lines(moves.then_some([from.p, end]), GHOST, 0.012 * unit);
+        self.sink.log(row.tick, "/world/ahead/way", &way);
     }
 }
 
-/// The part of words that names a goal.
-fn of(goal: Option<f64>) -> String {
-    goal.map_or(String::new(), |by_deg| format!(" of {:.0}°", by_deg.abs()))
+/// The linear and the angular half of a twist.
+fn vectors(V: &[f64; 6]) -> [Vec3; 2] {
+    halves(V).map(|half| Vec3::from(half.map(|x| x as f32)))
+}
+
+/// The rotation of half a second at an angular velocity.
+fn turned(w: Vec3) -> Quat {
+    Quat::from_scaled_axis(w * AHEAD_S)
 }

@@ -9,9 +9,8 @@ use rerun::external::arrow::buffer::OffsetBuffer;
 use rerun::external::arrow::datatypes::Field;
 use rerun::{ComponentDescriptor, SerializedComponentColumn};
 
-use crate::scene::rotation;
+use crate::pose::Placement;
 use crate::signals::{Kept, Now, Signal, logarithm, share, short};
-use crate::solid::Placement;
 
 /// Rows of numbers, gathered.
 pub(super) struct Table {
@@ -113,7 +112,7 @@ impl Track {
             let turns = self
                 .places
                 .iter()
-                .map(|at| Quaternion::from_xyzw(rotation(at).to_array()));
+                .map(|at| Quaternion::from_xyzw(at.rotation().to_array()));
             let places = self.places.iter().map(|at| at.p.to_array());
             transform = transform
                 .with_many_translation(places)

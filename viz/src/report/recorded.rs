@@ -1,129 +1,91 @@
-//! A run as far as a page shows it: thinned lines, the log, states and places over time.
+//! A run as far as a page shows it: thinned lines, the log, and what is seen 50 times a second. PURE.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use model::Robot;
-use nalgebra::SVector;
-use shared_types::codes::{KIND_NUMERIC, KINDS, MODE_REGULAR, MODES};
-use shared_types::job::Job;
+use shared_types::codes::{MODE_REGULAR, MODE_REORIENT, MODES};
 
-use super::plot::{Axis, GREY, Plot, RED, thinned};
-use crate::arm::{placement, pose};
-use crate::narration::{NO_FAULT, colour_of};
-use crate::recording::Facts;
+use crate::eye::Room;
+use crate::facts::Facts;
+use crate::narration::{NO_FAULT, capital};
+use crate::picture::{Named, Picture, Scene};
 use crate::run::{Event, Happened, Tick};
-use crate::scene::{Mark, Presence};
-use crate::signals::{Signal, TickRow};
-use crate::sink::RecordError;
-use crate::solid::{Placement, Rgba};
+use crate::scene::Presence;
+use crate::signals::Signal;
 use crate::story::{News, Story};
-use crate::tint::faded;
 
 /// Stretches of a plotted line, each of at most four points: more would not be seen.
-const POINTS: u64 = 1500;
+const STRETCHES: u64 = 700;
 /// Ticks without a value that are no gap.
 const PATIENCE: f64 = 2.5;
-/// The contents of the plots.
-const PLOTTED: [Signal; 13] = {
-    use Signal::*;
-    [
-        Measure,
-        PositionError,
-        OrientationError,
-        TorqueTask,
-        TorqueNull,
-        TorqueTaskRatio,
-        TorqueNullRatio,
-        PositionInRange,
-        Speed,
-        SpeedRatio,
-        Beta,
-        Scale,
-        Latency,
-    ]
-};
+/// Most pictures side by side.
+const MOST: usize = 5;
 
 /// Values over time, in the order of the ticks.
 pub(super) type Track<T> = Vec<(u64, T)>;
 
-/// The rows of a stretch, both ends included.
-pub(super) fn between<T>(track: &[(u64, T)], from: u64, to: u64) -> &[(u64, T)] {
-    let first = track.partition_point(|(tick, _)| *tick < from);
-    let end = track.partition_point(|(tick, _)| *tick <= to);
-    track.get(first..end).unwrap_or_default()
+/// The last value up to a tick.
+fn at<T>(track: &[(u64, T)], tick: u64) -> Option<&T> {
+    let end = track.partition_point(|(known, _)| *known <= tick);
+    Some(&track.get(end.checked_sub(1)?)?.1)
 }
 
-/// The last value up to a tick, and since when.
-pub(super) fn at<T>(track: &[(u64, T)], tick: u64) -> Option<&(u64, T)> {
-    between(track, 0, tick).last()
-}
-
-/// Stretches of time, sorted by their beginnings, as one where they touch.
-pub(super) fn joined(stretches: impl IntoIterator<Item = Range<u64>>) -> Vec<Range<u64>> {
-    let mut out: Vec<Range<u64>> = Vec::new();
-    for next in stretches {
-        match out.last_mut() {
-            Some(last) if next.start <= last.end => last.end = last.end.max(next.end),
-            _ => out.push(next),
-        }
-    }
-    out
-}
-
-/// When values were others than at rest; `last`: the end of the run.
+/// When values were others than at rest, as one stretch where two touch; `last`: the end of the run.
 pub(super) fn stretches<T>(
     track: &[(u64, T)],
     last: u64,
     is_rest: impl Fn(&T) -> bool,
 ) -> Vec<Range<u64>> {
     let ends = track.iter().skip(1).map(|(tick, _)| *tick).chain([last]);
-    let all = track.iter().zip(ends);
-    joined(
-        all.filter(|((_, value), _)| !is_rest(value))
-            .map(|((from, _), to)| *from..to),
-    )
+    let mut out: Vec<Range<u64>> = Vec::new();
+    for ((from, _), to) in track.iter().zip(ends).filter(|one| !is_rest(&one.0.1)) {
+        match out.last_mut() {
+            Some(before) if *from <= before.end => before.end = before.end.max(to),
+            _ => out.push(*from..to),
+        }
+    }
+    out
 }
 
-/// A singularity over the run, and its mark.
-#[derive(Default)]
-pub(super) struct Named {
+/// A line of a plot: of so many successive values the first, the least, the largest and the last; NaN in a gap.
+#[derive(Clone, Default)]
+pub(super) struct Line {
     pub(super) name: String,
-    pub(super) kind: u32,
-    pub(super) colour: Rgba,
-    /// |s| below which the arm is treated as singular.
-    pub(super) eta: f64,
-    pub(super) modes: Track<u32>,
-    /// The singular frame, x along ζ, where |s_i| is below twice η_out.
-    pub(super) frame: Track<Placement>,
-    /// Since when the arm is inside the neighbourhood or outside; inside, whether ζ is a rotation.
-    pub(super) lost: Track<Option<bool>>,
+    pub(super) points: Vec<(f64, f64)>,
+    /// Where values are missing; s.
+    pub(super) gaps: Vec<Range<f64>>,
+    gathered: Vec<(f64, f64)>,
 }
 
-impl Named {
-    /// Whether ζ is a rotation at a tick.
-    pub(super) fn is_angular(&self, tick: u64) -> bool {
-        let known = between(&self.lost, 0, tick).iter().rev().chain(&self.lost);
-        known.filter_map(|(_, lost)| *lost).next().unwrap_or(false)
+impl Line {
+    fn push(&mut self, at: (f64, f64), stride: usize, patience_s: f64) {
+        let last = self.gathered.last().or(self.points.last());
+        if let Some((last_s, _)) = last.copied().filter(|last| at.0 > last.0 + patience_s) {
+            // Nothing is drawn across what was lost.
+            self.flush();
+            self.points.push((at.0, f64::NAN));
+            self.gaps.push(last_s..at.0);
+        }
+        self.gathered.push(at);
+        if self.gathered.len() >= stride {
+            self.flush();
+        }
     }
 
-    /// Since when the arm is inside the neighbourhood; none where it is outside.
-    pub(super) fn entered(&self, tick: u64) -> Option<u64> {
-        let (since, lost) = at(&self.lost, tick)?;
-        lost.map(|_| *since)
-    }
-
-    /// The frames in a stretch from the first tick inside the neighbourhood to the last one.
-    pub(super) fn inside(&self, from: u64, to: u64) -> &[(u64, Placement)] {
-        let frames = between(&self.frame, from, to);
-        let is_inside = |(tick, _): &(u64, Placement)| self.entered(*tick).is_some();
-        let first = frames.iter().position(is_inside).unwrap_or(frames.len());
-        let last = frames.iter().rposition(is_inside);
-        &frames[first..last.map_or(first, |last| last + 1)]
-    }
-
-    pub(super) fn mode(&self, tick: u64) -> u32 {
-        at(&self.modes, tick).map_or(MODE_REGULAR, |(_, mode)| *mode)
+    fn flush(&mut self) {
+        let by_value = |a: &usize, b: &usize| self.gathered[*a].1.total_cmp(&self.gathered[*b].1);
+        let count = self.gathered.len();
+        let (low, high) = ((0..count).min_by(by_value), (0..count).max_by(by_value));
+        let mut kept: Vec<usize> = [Some(0), low, high, count.checked_sub(1)]
+            .into_iter()
+            .flatten()
+            .filter(|i| *i < count)
+            .collect();
+        kept.sort_unstable();
+        kept.dedup();
+        self.points
+            .extend(kept.into_iter().map(|i| self.gathered[i]));
+        self.gathered.clear();
     }
 }
 
@@ -133,124 +95,62 @@ pub(super) struct Recorded {
     /// Of each signal its lines, element by element.
     pub(super) lines: BTreeMap<&'static str, Vec<Line>>,
     pub(super) log: Vec<Event>,
-    /// The lane of faults.
+    /// The lane of faults, and the mode of each singularity.
     pub(super) faults: Track<String>,
+    pub(super) modes: Vec<Track<u32>>,
+    pub(super) named: Vec<Named>,
+    pub(super) pictures: Vec<Picture>,
+    room: Room,
     pub(super) rate_hz: f64,
     pub(super) last: u64,
-    pub(super) singularities: Vec<Named>,
-    pub(super) links: Vec<Track<Placement>>,
-    pub(super) hand: Track<Placement>,
-    pub(super) target: Track<Placement>,
-}
-
-/// A line of a plot: of so many successive values the first, the least, the largest and the last.
-#[derive(Clone)]
-pub(super) struct Line {
-    pub(super) name: String,
-    pub(super) points: Vec<(f64, f64)>,
-    /// Where values are missing; s.
-    gaps: Vec<Range<f64>>,
-    /// The next values, at most `stride` of them.
-    gathered: Vec<(f64, f64)>,
-    stride: usize,
-    /// The time of the last value, and how much later the next may be without a gap; s.
-    last_s: f64,
-    patience_s: f64,
-}
-
-impl Line {
-    fn new(name: String, stride: usize, patience_s: f64) -> Self {
-        Self {
-            name,
-            points: Vec::new(),
-            gaps: Vec::new(),
-            gathered: Vec::new(),
-            stride,
-            last_s: f64::INFINITY,
-            patience_s,
-        }
-    }
-
-    fn push(&mut self, t_s: f64, value: f64) {
-        if t_s > self.last_s + self.patience_s {
-            // Nothing is drawn across what was lost.
-            self.flush();
-            self.points.push((t_s, f64::NAN));
-            self.gaps.push(self.last_s..t_s);
-        }
-        self.last_s = t_s;
-        self.gathered.push((t_s, value));
-        if self.gathered.len() >= self.stride {
-            self.flush();
-        }
-    }
-
-    fn flush(&mut self) {
-        self.points.extend(thinned(&self.gathered, f64::INFINITY));
-        self.gathered.clear();
-    }
 }
 
 impl Recorded {
     /// Reads a run of about so many ticks.
     pub(super) fn read(
-        job: &Job,
-        robot: &Robot,
+        facts: &Facts,
         ticks: impl Iterator<Item = Tick>,
         count: u64,
         happened: &Happened,
-    ) -> Result<Self, RecordError> {
-        let facts = Facts::new(job, robot, None, false)?;
+        plotted: &[Signal],
+    ) -> Self {
         let mut recorded = Self {
             rate_hz: f64::from(facts.rate_hz),
             ..Self::default()
         };
-        let (mut story, mut values) = (Story::new(job, happened), Vec::new());
-        let stride = count.div_ceil(POINTS).max(1) as usize;
+        let mut scene = Scene::new(facts, Story::new(facts.job, happened));
+        let stride = count.div_ceil(STRETCHES).max(1) as usize;
+        let patience_s = PATIENCE / recorded.rate_hz;
+        let mut values = Vec::new();
         for tick in ticks {
             let row = tick.row();
-            story.push(&row, &mut |tick, news| recorded.tell(tick, &news));
-            if recorded.singularities.is_empty() {
-                recorded.meet(&row, job);
+            let picture = scene.push(facts, &row, &mut |tick, news| recorded.tell(tick, &news));
+            if let Some(picture) = picture {
+                recorded.room.push(facts, &picture);
+                recorded.pictures.push(picture);
             }
             recorded.last = row.tick;
             let (t_s, now) = (recorded.seconds(row.tick), facts.now(&row));
-            for signal in PLOTTED {
+            for signal in plotted {
                 values.clear();
                 (signal.of().take)(&now, &mut values);
                 let lines = recorded.lines.entry(signal.name()).or_default();
                 if lines.is_empty() && !values.is_empty() {
-                    let names = signal
-                        .elements(robot.joints.len(), &story.names)
-                        .into_iter();
-                    let line = |name| Line::new(name, stride, PATIENCE / recorded.rate_hz);
-                    lines.extend(names.map(line));
+                    let names = signal.elements(facts.joints(), &scene.story.names);
+                    let line = |name| Line {
+                        name,
+                        ..Line::default()
+                    };
+                    lines.extend(names.into_iter().map(line));
                 }
-                let pairs = lines.iter_mut().zip(&values);
-                pairs.for_each(|(line, value)| line.push(t_s, *value));
-            }
-            if facts.is_pictured(row.tick) {
-                recorded.see(&row, &facts);
+                for (line, value) in lines.iter_mut().zip(&values) {
+                    line.push((t_s, *value), stride, patience_s);
+                }
             }
         }
         recorded.lines.values_mut().flatten().for_each(Line::flush);
-        Ok(recorded)
-    }
-
-    /// The singularities of the first report.
-    fn meet(&mut self, row: &TickRow, job: &Job) {
-        for (i, one) in row.singularities().iter().enumerate() {
-            let name = shared_types::codes::singularity_name(one.kind, i).to_owned();
-            let kind = KINDS.iter().find(|(kind, _)| *kind == one.kind);
-            let kind = kind.map_or(KIND_NUMERIC, |(kind, _)| *kind);
-            self.singularities.push(Named {
-                kind,
-                colour: colour_of(kind, i),
-                eta: job.scenario.analysis.eta_in.of(kind).max(1e-12),
-                name,
-                ..Named::default()
-            });
-        }
+        recorded.named = scene.named;
+        recorded
     }
 
     fn tell(&mut self, tick: u64, news: &News) {
@@ -261,51 +161,16 @@ impl Recorded {
                 state,
                 ..
             } => self.faults.push((tick, (*state).to_owned())),
-            News::State { name, state, .. } => {
-                let of = |one: &&mut Named| name.strip_prefix("mode/") == Some(one.name.as_str());
-                if let Some(one) = self.singularities.iter_mut().find(of) {
-                    let known = MODES.iter().find(|(_, known)| known == state);
-                    one.modes
-                        .push((tick, known.map_or(u32::MAX, |(code, _)| *code)));
-                }
+            News::State {
+                of: Some(i), state, ..
+            } => {
+                let code = MODES.iter().find(|(_, known)| known == state);
+                self.modes
+                    .resize_with(self.modes.len().max(i + 1), Vec::new);
+                self.modes[*i].push((tick, code.map_or(u32::MAX, |(code, _)| *code)));
             }
+            News::State { .. } => (),
         }
-    }
-
-    /// The places of everything that the pictures show.
-    fn see(&mut self, row: &TickRow, facts: &Facts) {
-        let (Some(q), tick) = (row.q(), row.tick) else {
-            return;
-        };
-        let links = facts.links(q);
-        self.links.resize_with(facts.figure.links.len(), Vec::new);
-        for (track, link) in self.links.iter_mut().zip(links) {
-            track.push((tick, link));
-        }
-        let kinematic = || placement(&facts.arm.forward_kinematics(&SVector::from(*q)));
-        let hand = row.plant_state.map(|state| pose(&state.p_BE, &state.R_BE));
-        self.hand.push((tick, hand.unwrap_or_else(kinematic)));
-        let target = row
-            .control_state
-            .map(|state| (tick, pose(&state.p_BE_d, &state.R_BE_d)));
-        self.target.extend(target);
-        let Some(report) = row.singularity else {
-            return;
-        };
-        for (named, one) in self.singularities.iter_mut().zip(row.singularities()) {
-            let mark = Mark::new(one, report.p_BC);
-            if mark.look.presence != Presence::Hidden {
-                named.frame.push((tick, mark.X_BS));
-            }
-            let lost = mark.is_inside().then_some(mark.look.angular);
-            if named.lost.last().is_none_or(|(_, before)| *before != lost) {
-                named.lost.push((tick, lost));
-            }
-        }
-    }
-
-    pub(super) fn is_empty(&self) -> bool {
-        self.lines.is_empty()
     }
 
     pub(super) fn seconds(&self, tick: u64) -> f64 {
@@ -316,66 +181,105 @@ impl Recorded {
         self.seconds(self.last)
     }
 
-    /// A diagram over time, with the faults in it.
-    pub(super) fn blank(&self, title: &str, axis: Axis) -> Plot {
-        let end_s = self.end_s();
-        let mut plot = Plot::new(title, end_s, axis);
-        // Hatched, whatever else is red. A fault of one tick is seen, too.
-        let step = 0.008 * end_s.max(1e-3);
-        for fault in stretches(&self.faults, self.last, |state| state == NO_FAULT.0) {
-            let [from, to] = [fault.start, fault.end].map(|tick| self.seconds(tick));
-            let count = ((to - from) / step).ceil().max(1.0) as u32;
-            for begin in (0..count).map(|k| from + step * f64::from(k)) {
-                plot.band("fault in force", faded(RED, 115), begin..begin + 0.5 * step);
-            }
-        }
-        plot
-    }
-
     /// The lines of a signal.
-    pub(super) fn of(&self, signal: Signal) -> impl Iterator<Item = &Line> {
-        self.lines.get(signal.name()).into_iter().flatten()
+    pub(super) fn of(&self, signal: Signal) -> &[Line] {
+        self.lines.get(signal.name()).map_or(&[], Vec::as_slice)
     }
 
-    /// A diagram of a signal's lines; `name`: how the legend calls them.
-    pub(super) fn panel(
-        &self,
-        title: &str,
-        signal: Signal,
-        axis: Axis,
-        colours: &[Rgba],
-        name: impl Fn(&str) -> String,
-    ) -> Plot {
-        let mut plot = self.blank(title, axis);
-        self.draw(&mut plot, signal, colours, name, |_, value| value);
-        plot
+    /// Stretches with a fault in force.
+    pub(super) fn faulty(&self) -> Vec<Range<u64>> {
+        stretches(&self.faults, self.last, |state| state == NO_FAULT.0)
     }
 
-    /// Draws a signal's lines, their values changed by `of`, by the place of the line.
-    pub(super) fn draw(
-        &self,
-        plot: &mut Plot,
-        signal: Signal,
-        colours: &[Rgba],
-        name: impl Fn(&str) -> String,
-        of: impl Fn(usize, f64) -> f64,
-    ) {
-        if let Some(line) = self.of(signal).max_by_key(|line| line.gaps.len()) {
-            for gap in &line.gaps {
-                plot.band("nothing recorded", faded(GREY, 77), gap.clone());
+    /// The fault in force at a tick.
+    pub(super) fn fault(&self, tick: u64) -> Option<&String> {
+        at(&self.faults, tick).filter(|state| *state != NO_FAULT.0)
+    }
+
+    /// The picture of a tick, or the last one before it.
+    pub(super) fn picture(&self, tick: u64) -> Option<&Picture> {
+        let end = self.pictures.partition_point(|one| one.tick <= tick);
+        self.pictures.get(end.saturating_sub(1))
+    }
+
+    /// Up to five moments with their names, in order; `fault`: the tick of the first fault.
+    pub(super) fn moments(&self, fault: Option<u64>) -> Track<String> {
+        // Those that matter most first: the others go where there is no room.
+        let mut all = vec![(self.last, "End".to_owned())];
+        all.extend(fault.map(|tick| (tick, "Fault".to_owned())));
+        match self.room.stay() {
+            Some((first, last)) => self.locked(first, last, &mut all),
+            None => all.extend(
+                self.nearest(0, self.last)
+                    .map(|tick| (tick, "Nearest to a singularity".to_owned())),
+            ),
+        }
+        all.push((0, "Start".to_owned()));
+        for (named, modes) in self.named.iter().zip(&self.modes) {
+            let left = modes
+                .iter()
+                .filter(|(tick, mode)| *tick > 0 && *mode == MODE_REGULAR);
+            all.extend(left.map(|(tick, _)| (*tick, capital(&named.name) + " free")));
+        }
+        all.push((self.last / 2, "Halfway".to_owned()));
+        // Moments too close to be told apart are one picture.
+        let apart = (self.last / 50).max(1);
+        let mut kept: Track<String> = Vec::new();
+        for (tick, name) in all {
+            let is_apart = kept.iter().all(|other| other.0.abs_diff(tick) >= apart);
+            if kept.len() < MOST && is_apart && tick <= self.last {
+                kept.push((tick, name));
             }
         }
-        for (i, (line, colour)) in self.of(signal).zip(colours.iter().cycle()).enumerate() {
-            let points = line.points.iter();
-            let points = points.map(|(t_s, value)| (*t_s, of(i, *value))).collect();
-            plot.line(&name(&line.name), *colour, points, false);
-        }
+        kept.sort_unstable();
+        kept
     }
 
-    /// Whether a signal is ever other than 0.
-    pub(super) fn moves(&self, signal: Signal) -> bool {
-        let mut points = self.of(signal).flat_map(|line| &line.points);
-        points.any(|(_, value)| *value != 0.0)
+    /// The pictures of a stretch, both ends included.
+    fn between(&self, first: u64, last: u64) -> impl Iterator<Item = &Picture> {
+        self.pictures
+            .iter()
+            .filter(move |one| (first..=last).contains(&one.tick))
+    }
+
+    /// When the arm is nearest to a singularity whose mark is seen.
+    fn nearest(&self, first: u64, last: u64) -> Option<u64> {
+        let marks = |one: &Picture| one.signs.iter().map(|sign| sign.mark).collect::<Vec<_>>();
+        let all = self
+            .between(first, last)
+            .flat_map(|one| marks(one).into_iter().map(|mark| (one.tick, mark)));
+        let seen = all.filter(|(_, mark)| mark.look.presence != Presence::Hidden);
+        let nearest = seen.min_by(|a, b| b.1.size.total_cmp(&a.1.size));
+        nearest.map(|(tick, _)| tick)
+    }
+
+    /// The moments of a stay inside a neighbourhood, those that matter most first.
+    fn locked(&self, first: u64, last: u64, all: &mut Track<String>) {
+        all.push((first, "Locked".to_owned()));
+        let turns = |one: &&Picture| one.signs.iter().any(|sign| sign.mode == MODE_REORIENT);
+        let turning: Vec<u64> = self
+            .between(first, last)
+            .filter(turns)
+            .map(|one| one.tick)
+            .collect();
+        if let [begin, .., end] = turning[..] {
+            all.extend([
+                (begin.midpoint(end), "ζ turning".to_owned()),
+                (end, "ζ turned".to_owned()),
+            ]);
+        }
+        all.push((last, "Leaving".to_owned()));
+        all.extend(
+            first
+                .checked_sub((0.5 * self.rate_hz) as u64)
+                .map(|tick| (tick, "Approach".to_owned())),
+        );
+        if turning.is_empty() {
+            all.extend(
+                self.nearest(first, last)
+                    .map(|tick| (tick, "Nearest".to_owned())),
+            );
+        }
     }
 }
 
@@ -385,10 +289,10 @@ mod tests {
 
     #[test]
     fn lines_keep_their_extremes_and_their_gaps_however_long_they_are() {
-        let mut line = Line::new("x".to_owned(), 100, 2.5);
+        let mut line = Line::default();
         let value = |k| if k == 555 { 9.0 } else { f64::from(k % 7) };
-        (0..1000).for_each(|k| line.push(f64::from(k), value(k)));
-        line.push(1009.0, 1.0);
+        (0..1000).for_each(|k| line.push((f64::from(k), value(k)), 100, 2.5));
+        line.push((1009.0, 1.0), 100, 2.5);
         assert!(line.points.len() <= 42 && line.points.contains(&(555.0, 9.0)));
         let is_sorted = line.points.is_sorted_by(|a, b| a.0 < b.0);
         assert!(is_sorted && line.points.last().is_some_and(|last| last.1.is_nan()));
@@ -399,5 +303,19 @@ mod tests {
         let modes = [(0, 5), (10, 4), (20, 0), (30, 1)];
         assert_eq!(stretches(&modes, 50, |mode| *mode == 0), [0..20, 30..50]);
         assert!(stretches(&modes[..0], 50, |mode| *mode == 0).is_empty());
+        let recorded = Recorded {
+            modes: vec![modes.into()],
+            named: vec![Named {
+                name: "wrist".to_owned(),
+                kind: 0,
+                colour: 0,
+            }],
+            last: 50,
+            rate_hz: 10.0,
+            ..Recorded::default()
+        };
+        let moments = recorded.moments(Some(40));
+        let ticks: Vec<u64> = moments.iter().map(|one| one.0).collect();
+        assert_eq!(ticks, [0, 20, 25, 40, 50]);
     }
 }

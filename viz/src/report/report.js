@@ -11,18 +11,14 @@
   const tip = document.body.appendChild(document.createElement("div"));
   tip.className = "tip"; tip.hidden = true;
   // Values of a plot's lines at a place: their last points before it, by the scale of its axis.
+  const points = new Map(all("path.line").map(line => [line, line.getAttribute("d").split(/[ML]/).slice(1).map(point => point.split(" ").map(Number))]));
   const values = (svg, x) => {
-    const [bottom, top] = svg.dataset.y.split(" ").map(Number).slice(0, 2).sort((a, b) => b - a);
-    const [low, high, log] = svg.dataset.y.split(" ").map(Number).slice(2);
-    return JSON.parse(svg.dataset.names).flatMap(([name, colour]) => {
-      const near = [...svg.querySelectorAll(`polyline[stroke="${colour}"]`)].map(line => {
-        const points = line.getAttribute("points").trim().split(/\s+/).map(point => point.split(",").map(Number)).filter(([, y]) => y >= top && y <= bottom);
-        const before = points.filter(point => point[0] <= x + 12).at(-1), after = points.find(point => point[0] >= x - 12);
-        return before && after ? before[1] : undefined;
-      }).find(y => y !== undefined);
-      if (near === undefined) return [];
-      const value = low + (bottom - near) / (bottom - top) * (high - low);
-      return [[name, colour, Number((log ? 10 ** value : value).toPrecision(2))]];
+    const [bottom, top, low, high, log] = svg.dataset.y.split(" ").map(Number);
+    return [...svg.querySelectorAll(".line")].flatMap(line => {
+      const before = points.get(line).filter(point => point[0] <= x + 12).at(-1), after = points.get(line).find(point => point[0] >= x - 12);
+      if (!before || !after) return [];
+      const value = low + (bottom - before[1]) / (bottom - top) * (high - low);
+      return [[line.dataset.name, line.getAttribute("stroke"), Number((log ? 10 ** value : value).toPrecision(2))]];
     });
   };
   const readout = (event, svg, x, t) => {
@@ -48,12 +44,14 @@
     if (k !== frame) { frame = k; stage.innerHTML = draw(D.g) + draw(D.f[k]); }
     if (w !== told) {
       told = w;
-      words.replaceChildren(...(D.w[w][1].length ? D.w[w][1].map(([colour, name, text]) => {
+      const {headline, lines} = D.w[w][1], head = document.createElement("b");
+      head.textContent = `${headline}.`;
+      words.replaceChildren(head, ...lines.map(([colour, name, text]) => {
         const line = document.createElement("span"), bold = document.createElement("b");
         bold.style.color = colour; bold.textContent = name;
-        line.append(bold, `: ${text}`);
+        line.append(bold, `${text}.`);
         return line;
-      }) : ["Free: the hand can move in every direction"]));
+      }));
     }
     plots.forEach(({from, to, cursor}) => cursor.setAttribute("transform", `translate(${from + (to - from) * now / (end || 1)} 0)`));
   };

@@ -1,0 +1,344 @@
+//! An arm's shape: the primitives and meshes of its URDF or MJCF. PURE.
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+use glam::Vec3;
+use model::{Geometry, JointKind, Robot, Shape};
+
+use crate::meshes::Meshes;
+use crate::pose::{Placement, Rgba, placement, vec3};
+
+const SHELL: Rgba = 0xe4e2daff;
+const JOINT: Rgba = 0x606874ff;
+const DARK: Rgba = 0x343942ff;
+const METAL: Rgba = 0xa8aeb6ff;
+
+/// The form of a part, m, centred at its frame, with its long axis along z.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Form {
+    /// Full side lengths.
+    Box(Vec3),
+    Cylinder {
+        radius: f32,
+        length: f32,
+    },
+    /// `length` is between the centres of its caps: 0 for a ball.
+    Capsule {
+        radius: f32,
+        length: f32,
+    },
+    Mesh(Arc<Mesh>),
+}
+
+/// Triangles of one colour.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Mesh {
+    pub(crate) positions: Vec<Vec3>,
+    pub(crate) normals: Vec<Vec3>,
+}
+
+/// A piece of a link, or of the base.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Part {
+    pub(crate) link: Option<usize>,
+    /// In the frame of its link.
+    pub(crate) at: Placement,
+    pub(crate) form: Form,
+    pub(crate) colour: Rgba,
+}
+
+impl Part {
+    fn cylinder(link: Option<usize>, at: Placement, size: [f32; 2], colour: Rgba) -> Self {
+        let [radius, length] = size;
+        Self {
+            link,
+            at,
+            form: Form::Cylinder { radius, length },
+            colour,
+        }
+    }
+
+    /// Corners of a box about it, in the frame of its link.
+    fn corners(&self) -> [Vec3; 8] {
+        let half = match &self.form {
+            Form::Box(size) => *size / 2.0,
+            Form::Cylinder { radius, length } => Vec3::new(*radius, *radius, length / 2.0),
+            Form::Capsule { radius, length } => Vec3::splat(*radius) + Vec3::Z * (length / 2.0),
+            Form::Mesh(mesh) => {
+                let [low, high] =
+                    crate::pose::span(mesh.positions.iter().copied()).unwrap_or_default();
+                let side = |k: usize| [low, high][k];
+                return std::array::from_fn(|k| {
+                    self.at
+                        .of(Vec3::new(side(k & 1).x, side(k >> 1 & 1).y, side(k >> 2).z))
+                });
+            }
+        };
+        let sign = |bit: usize| if bit == 0 { -1.0 } else { 1.0 };
+        std::array::from_fn(|k| {
+            self.at
+                .of(half * Vec3::new(sign(k & 1), sign(k & 2), sign(k & 4)))
+        })
+    }
+}
+
+/// A circle about a joint's axis, in the link's frame; m.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Ring {
+    pub(crate) axis: Vec3,
+    pub(crate) centre: Vec3,
+    pub(crate) radius: f32,
+}
+
+/// An arm as it is drawn.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Body {
+    pub(crate) parts: Vec<Part>,
+    pub(crate) links: usize,
+    /// Where turning about each joint's axis is shown; none for a joint that slides.
+    pub(crate) rings: Vec<Option<Ring>>,
+    /// Each joint's frame in the link before it, at zero.
+    pub(crate) joints: Vec<Placement>,
+    /// The end-effector in the last link's frame; m.
+    pub(crate) tip: Option<Vec3>,
+    /// Sum of the links' lengths, for framing the view and scaling marks; m.
+    pub(crate) reach: f32,
+}
+
+impl Body {
+    /// The robot's own shapes; a capsule for a link that lacks them, a hand where the arm ends in a flange, and a base to stand on; `floor_m` is the
+    /// floor's height in the base frame.
+    pub(crate) fn new(robot: &Robot, floor_m: f32, meshes: &Meshes) -> Self {
+        let joints: Vec<Placement> = robot
+            .joints
+            .iter()
+            .map(|joint| placement(&joint.X_PJ))
+            .collect();
+        let frame = robot.frame(&robot.default_frame);
+        let tip = frame.map(|frame| vec3(&frame.X_LF.p));
+        let lengths = joints.iter().map(|X_PJ| X_PJ.p).chain(tip);
+        let reach = lengths.map(Vec3::length).sum::<f32>().max(0.1);
+        let mut body = Self {
+            parts: Vec::new(),
+            links: joints.len(),
+            rings: Vec::new(),
+            joints,
+            tip,
+            reach,
+        };
+        let lacking = robot
+            .shapes
+            .iter()
+            .filter(|shape| !meshes.has(&shape.geometry));
+        let lacking: BTreeSet<Option<usize>> = lacking.map(|shape| shape.joint).collect();
+        for shape in &robot.shapes {
+            if !shape.stands_in || lacking.contains(&shape.joint) {
+                body.add(shape, meshes);
+            }
+        }
+        body.fill(robot, &lacking);
+        if robot.task.0[2] {
+            let is_last = |joint| joint + 1 == robot.joints.len();
+            let flange = frame.filter(|frame| frame.joint.is_some_and(is_last));
+            flange
+                .into_iter()
+                .for_each(|frame| body.hand(&placement(&frame.X_LF)));
+            body.stand(floor_m);
+        }
+        let rings = robot.joints.iter().enumerate();
+        body.rings = rings
+            .map(|(i, joint)| {
+                let axis = vec3(&joint.axis).normalize_or(Vec3::Z);
+                // In the middle of its link along the axis: joints whose frames coincide keep apart.
+                let along = body
+                    .of(Some(i))
+                    .flat_map(Part::corners)
+                    .map(|p| p.dot(axis));
+                let [low, high] =
+                    along.fold([0.0f32; 2], |[low, high], z| [low.min(z), high.max(z)]);
+                (joint.kind != JointKind::Prismatic).then_some(Ring {
+                    axis,
+                    centre: axis * (low + high) / 2.0,
+                    radius: 0.13 * reach,
+                })
+            })
+            .collect();
+        body
+    }
+
+    /// The parts of a link, or of the base.
+    pub(crate) fn of(&self, link: Option<usize>) -> impl Iterator<Item = &Part> {
+        self.parts.iter().filter(move |part| part.link == link)
+    }
+
+    /// The outermost corners of its links; base axes, m.
+    pub(crate) fn corners(&self, links: &[Placement]) -> impl Iterator<Item = Vec3> {
+        let parts = self.parts.iter();
+        let parts = parts.filter_map(|part| Some((part, links.get(part.link?)?)));
+        parts.flat_map(|(part, link)| part.corners().map(|p| link.of(p)))
+    }
+
+    /// A shape in its own colour, or in its link's.
+    fn add(&mut self, shape: &Shape, meshes: &Meshes) {
+        let packed =
+            |rgba: [f64; 4]| u32::from_be_bytes(rgba.map(|part| (255.0 * part).round() as u8));
+        let own = shape.colour.map(packed);
+        let usual = shape
+            .joint
+            .map_or(DARK, |i| if i % 2 == 0 { SHELL } else { METAL });
+        let form = match &shape.geometry {
+            Geometry::Box { size } => Form::Box(vec3(size)),
+            Geometry::Cylinder { radius, length } => Form::Cylinder {
+                radius: *radius as f32,
+                length: *length as f32,
+            },
+            Geometry::Sphere { radius } => Form::Capsule {
+                radius: *radius as f32,
+                length: 0.0,
+            },
+            Geometry::Capsule { radius, length } => Form::Capsule {
+                radius: *radius as f32,
+                length: *length as f32,
+            },
+            Geometry::Mesh { file, scale } => {
+                for (mesh, theirs) in meshes.of_file(file, vec3(scale)) {
+                    let theirs = theirs.map(|rgba| packed(rgba.map(f64::from)));
+                    self.parts.push(Part {
+                        link: shape.joint,
+                        at: placement(&shape.X_LS),
+                        form: Form::Mesh(Arc::new(mesh)),
+                        colour: own.or(theirs).unwrap_or(usual),
+                    });
+                }
+                return;
+            }
+        };
+        let part = Part {
+            link: shape.joint,
+            at: placement(&shape.X_LS),
+            form,
+            colour: own.unwrap_or(usual),
+        };
+        // A shape without extent is none: its link would not be seen.
+        let corners = part.corners();
+        if corners[0].distance(corners[7]) > 1e-4 * self.reach {
+            self.parts.push(part);
+        }
+    }
+
+    /// A drum on the joint's axis and a capsule to the next joint where a link would not be seen, or where its fingers hang in the air without it.
+    fn fill(&mut self, robot: &Robot, lacking: &BTreeSet<Option<usize>>) {
+        let radius = 0.035 * self.reach;
+        if self.of(None).next().is_none() {
+            self.bone(None, self.joints[0].p, radius);
+        }
+        for (i, joint) in robot.joints.iter().enumerate() {
+            let link = Some(i);
+            let is_apart = |p: Vec3| p.length() > 2.0 * radius;
+            let hangs = self.of(link).flat_map(Part::corners).all(is_apart);
+            if self.of(link).next().is_none() || lacking.contains(&link) && hangs {
+                let axis = Placement::along(Vec3::ZERO, vec3(&joint.axis));
+                self.parts.push(Part::cylinder(
+                    link,
+                    axis,
+                    [1.3 * radius, 2.5 * radius],
+                    JOINT,
+                ));
+                let next = self.joints.get(i + 1).map(|X_PJ| X_PJ.p);
+                self.bone(link, next.or(self.tip).unwrap_or_default(), radius);
+            }
+        }
+    }
+
+    /// A capsule from the origin to a place beyond its radius.
+    fn bone(&mut self, link: Option<usize>, end: Vec3, radius: f32) {
+        let length = end.length();
+        if length > radius {
+            self.parts.push(Part {
+                link,
+                at: Placement::along(end / 2.0, end),
+                form: Form::Capsule { radius, length },
+                colour: SHELL,
+            });
+        }
+    }
+
+    /// A two-finger hand where nothing is beyond the flange: it shows how the flange is turned.
+    fn hand(&mut self, flange: &Placement) {
+        let link = self.links.checked_sub(1);
+        let beyond = |p: Vec3| (p - flange.p).dot(flange.R.z_axis);
+        if self
+            .of(link)
+            .flat_map(Part::corners)
+            .any(|p| beyond(p) > 0.02)
+        {
+            return;
+        }
+        let size = self.reach.min(1.0);
+        for (x, z, sides, colour) in [
+            (0.0, 0.014, [0.085, 0.034, 0.028], DARK),
+            (-0.032, 0.052, [0.012, 0.024, 0.055], METAL),
+            (0.032, 0.052, [0.012, 0.024, 0.055], METAL),
+        ] {
+            let at = flange.then(&Placement::at(size * Vec3::new(x, 0.0, z)));
+            let form = Form::Box(size * Vec3::from(sides));
+            self.parts.push(Part {
+                link,
+                at,
+                form,
+                colour,
+            });
+        }
+    }
+
+    /// A foot under the base, on a pedestal where the floor is further below; some arms have one of their own.
+    fn stand(&mut self, floor_m: f32) {
+        let corners = self.of(None).flat_map(Part::corners);
+        let lowest = corners.map(|p| p.z).fold(0.0, f32::min);
+        let (radius, floor) = (0.075 * self.reach, floor_m.min(0.0));
+        let mut drum = |radius, low: f32, high: f32, colour| {
+            let at = Placement::at(Vec3::Z * (low + high) / 2.0);
+            self.parts
+                .push(Part::cylinder(None, at, [radius, high - low], colour));
+        };
+        if lowest > -0.2 * radius / 0.075 {
+            drum(1.35 * radius, lowest - 0.024, lowest - 0.001, DARK);
+            if floor < lowest - 0.05 {
+                drum(1.7 * radius, floor, floor + 0.02, DARK);
+                drum(radius, floor + 0.01, lowest - 0.01, JOINT);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_link_of_every_built_in_arm_is_seen() {
+        for name in Robot::builtin_names() {
+            let mut robot = Robot::builtin(name).expect("built in");
+            // Shapes without extent are none: their link is seen all the same.
+            let second = robot
+                .shapes
+                .iter_mut()
+                .filter(|shape| shape.joint == Some(1));
+            second.for_each(|shape| {
+                shape.geometry = Geometry::Box {
+                    size: nalgebra::Vector3::zeros(),
+                }
+            });
+            let body = Body::new(&robot, -0.6, &Meshes::default());
+            for link in (0..robot.dof()).map(Some).chain([None]) {
+                assert!(body.of(link).next().is_some(), "{name}: {link:?}");
+            }
+            let is_near = |p: Vec3| p.is_finite() && p.length() < 4.0;
+            assert!(
+                body.parts.iter().flat_map(Part::corners).all(is_near),
+                "{name}"
+            );
+        }
+    }
+}

@@ -1,0 +1,348 @@
+//! The picture of a tick: arm, paths, ellipsoids, ghosts; and another law's arm, in a race.
+
+use glam::Vec3;
+use nalgebra::SVector;
+use re_sdk_types::archetypes::{
+    Arrows3D, Boxes3D, Capsules3D, Cylinders3D, Ellipsoids3D, InstancePoses3D, LineStrips3D,
+    Mesh3D, TextDocument,
+};
+use re_sdk_types::components::{FillMode, Radius};
+use re_sdk_types::datatypes::Quaternion;
+use shared_types::messages::SingularityState;
+
+use super::{Recording, Track};
+use crate::blueprint::MAGNIFIED;
+use crate::body::{Form, Part};
+use crate::entity;
+use crate::manipulability::{Ellipsoid, Half};
+use crate::picture::{Picture, nearness};
+use crate::pose::{Placement, Rgba, vec3};
+use crate::scene::{Presence, differs};
+use crate::signals::TickRow;
+use crate::tint::faded;
+
+/// The hand's reachable speeds, and its accelerations under unit forces.
+const ABILITIES: [&str; 2] = [
+    "/world/manipulability/velocity",
+    "/world/manipulability/mobility",
+];
+/// Postures of null-space motion; a link of the other law's arm in a race, its number follows.
+const GHOST: &str = "/world/null_motion";
+const RIVAL: &str = "/world/rival/link";
+const PALE: Rgba = 0x78b4f0ff;
+/// Colours and radii, over the arm's reach, of the lines that grow.
+const WAYS: [(Rgba, f32); 5] = [
+    (0xff5a50ff, 0.0045),
+    (0xffb02eff, 0.006),
+    (0x9aa4b4ff, 0.0035),
+    (0x4fd07aff, 0.006),
+    (PALE, 0.004),
+];
+/// Parts in another one's place are a little smaller, which hides them.
+const INWARDS: f32 = 0.985;
+
+pub(super) fn array(places: impl IntoIterator<Item = Vec3>) -> Vec<[f32; 3]> {
+    places.into_iter().map(|p| p.to_array()).collect()
+}
+
+fn turn(at: &Placement) -> Quaternion {
+    Quaternion::from_xyzw(at.rotation().to_array())
+}
+
+/// Lines of one colour and radius.
+pub(super) fn lines<S: IntoIterator<Item = Vec3>>(
+    strips: impl IntoIterator<Item = S>,
+    colour: Rgba,
+    radius: impl Into<Radius>,
+) -> LineStrips3D {
+    LineStrips3D::new(strips.into_iter().map(array))
+        .with_colors([colour])
+        .with_radii([radius])
+}
+
+/// Arrows of one colour and radius.
+pub(super) fn arrows(
+    arrows: impl IntoIterator<Item = [Vec3; 2]>,
+    colour: Rgba,
+    radius: f32,
+) -> Arrows3D {
+    let (origins, vectors): (Vec<_>, Vec<_>) = arrows.into_iter().map(|[p, v]| (p, v)).unzip();
+    Arrows3D::from_vectors(array(vectors))
+        .with_origins(array(origins))
+        .with_colors([colour])
+        .with_radii([radius])
+}
+
+/// Axes at the origin.
+fn axes(size: f32) -> impl Iterator<Item = [Vec3; 2]> {
+    Vec3::AXES
+        .into_iter()
+        .map(move |axis| [Vec3::ZERO, axis * size])
+}
+
+impl Recording<'_> {
+    /// What stands in the picture from the beginning.
+    pub(super) fn write_arm(&mut self) {
+        let body = &self.run.body;
+        self.write_parts(None, "/world/arm/base", &placed(body.of(None)), None);
+        for i in 0..body.links {
+            let parts = placed(body.of(Some(i)));
+            self.write_parts(None, &entity::link(entity::LINK, i), &parts, None);
+            if self.run.rival.is_some() {
+                let red = Some(0xff50468c);
+                self.write_parts(None, &entity::link(RIVAL, i), &parts, red);
+            }
+        }
+        let size = 0.11 * body.reach;
+        let hand = arrows(axes(size), 0xe8ecf4ff, 0.03 * size);
+        self.sink.log_static(entity::HAND, &hand);
+        let target = arrows(axes(1.35 * size), 0x4fd07aff, 0.018 * size);
+        self.sink.log_static(entity::TARGET, &target);
+        for (path, colour, mode) in [
+            (ABILITIES[0], 0x5aaaff3c, FillMode::Solid),
+            (ABILITIES[1], 0x50c8b4ff, FillMode::MajorWireframe),
+        ] {
+            let ball = Ellipsoids3D::from_radii([1.0]).with_colors([colour]);
+            let ball = ball.with_line_radii([Radius::new_ui_points(0.75)]);
+            self.sink.log_static(path, &ball.with_fill_mode(mode));
+        }
+    }
+
+    /// Parts at places, each in its colour or all in one tint: static, or from a tick on in place of those before. A mesh is large: it is written
+    /// once, then its places.
+    fn write_parts(
+        &mut self,
+        tick: Option<u64>,
+        path: &str,
+        all: &[(&Part, Placement)],
+        tint: Option<Rgba>,
+    ) {
+        let size = if tint.is_some() { INWARDS } else { 1.0 };
+        let of = |sizes: fn(&Form) -> Option<[f32; 3]>| -> Vec<([f32; 3], &Placement, Rgba)> {
+            let own = all.iter().filter_map(|(part, at)| {
+                let sizes = sizes(&part.form)?.map(|side| size * side);
+                Some((sizes, at, tint.unwrap_or(part.colour)))
+            });
+            own.collect()
+        };
+        let boxes = of(|form| match form {
+            Form::Box(sides) => Some(sides.to_array()),
+            _ => None,
+        });
+        let cylinders = of(|form| match form {
+            Form::Cylinder { radius, length } => Some([*radius, *length, 0.0]),
+            _ => None,
+        });
+        let capsules = of(|form| match form {
+            Form::Capsule { radius, length } => Some([*radius, *length, 0.0]),
+            _ => None,
+        });
+        macro_rules! write {
+            ($name:literal, $all:ident, $solid:expr, $places:ident, $centre:expr) => {
+                let solid = $solid
+                    .$places($all.iter().map($centre))
+                    .with_quaternions($all.iter().map(|one| turn(one.1)))
+                    .with_colors($all.iter().map(|one| one.2))
+                    .with_fill_mode(FillMode::Solid);
+                let path = format!("{path}/{}", $name);
+                match tick {
+                    None => self.sink.log_static(path, &solid),
+                    Some(tick) => self.sink.log(tick, path, &solid),
+                }
+            };
+        }
+        let solid = Boxes3D::from_sizes(boxes.iter().map(|one| one.0));
+        write!("boxes", boxes, solid, with_centers, |one| one
+            .1
+            .p
+            .to_array());
+        let sizes = |k| cylinders.iter().map(move |one| one.0[k]);
+        let solid = Cylinders3D::from_lengths_and_radii(sizes(1), sizes(0));
+        write!("cylinders", cylinders, solid, with_centers, |one| one
+            .1
+            .p
+            .to_array());
+        let sizes = |k| capsules.iter().map(move |one| one.0[k]);
+        let solid = Capsules3D::from_lengths_and_radii(sizes(1), sizes(0));
+        // A capsule of Rerun's begins at its origin.
+        write!("capsules", capsules, solid, with_translations, |one| {
+            one.1.of(Vec3::Z * -one.0[1] / 2.0).to_array()
+        });
+        self.write_meshes(tick, path, all, tint);
+    }
+
+    /// Places of each mesh; of one that has none, a size that cannot be seen, for none would be the mesh itself.
+    fn write_meshes(
+        &mut self,
+        tick: Option<u64>,
+        path: &str,
+        all: &[(&Part, Placement)],
+        tint: Option<Rgba>,
+    ) {
+        let usual = if tint.is_some() { INWARDS } else { 1.0 };
+        for (k, part) in self.run.body.parts.iter().enumerate() {
+            let Form::Mesh(mesh) = &part.form else {
+                continue;
+            };
+            let path = format!("{path}/mesh{k}");
+            let own = all.iter().filter(|(one, _)| std::ptr::eq(*one, part));
+            let mut places: Vec<Placement> = own.map(|(_, at)| *at).collect();
+            let is_seen = !places.is_empty();
+            if !is_seen && !self.shown.contains_key(&path) {
+                continue;
+            }
+            let size = if is_seen { usual } else { 1e-6 };
+            places.extend((!is_seen).then_some(Placement::IDENTITY));
+            let poses = InstancePoses3D::new()
+                .with_translations(places.iter().map(|at| at.p.to_array()))
+                .with_quaternions(places.iter().map(turn))
+                .with_scales(vec![[size; 3]; places.len()]);
+            let solid = |_: &Self| {
+                Mesh3D::new(array(mesh.positions.iter().copied()))
+                    .with_vertex_normals(array(mesh.normals.iter().copied()))
+                    .with_albedo_factor(tint.unwrap_or(part.colour))
+            };
+            match tick {
+                None => {
+                    self.sink.log_static(path.as_str(), &solid(self));
+                    self.sink.log_static(path.as_str(), &poses);
+                }
+                Some(tick) => {
+                    self.show(tick, path.clone(), Some(String::new()), solid);
+                    self.sink.log(tick, &path, &poses);
+                }
+            }
+        }
+    }
+
+    /// The picture of a tick.
+    pub(super) fn draw(&mut self, row: &TickRow, picture: &Picture) {
+        let (tick, links, hand) = (row.tick, &picture.links, picture.hand);
+        let joints = self.run.joints();
+        for (i, link) in links[..joints].iter().enumerate() {
+            self.place(entity::link(entity::LINK, i), tick, *link);
+        }
+        self.place(entity::HAND.to_owned(), tick, hand);
+        self.place(entity::NEAR.to_owned(), tick, Placement::at(hand.p));
+        self.ways[2].push((tick, hand.p));
+        if let Some(desired) = picture.desired {
+            self.place(entity::TARGET.to_owned(), tick, desired);
+            self.ways[3].push((tick, desired.p));
+            if self.run.stands_still {
+                self.ways[1].push((tick, desired.p + (hand.p - desired.p) * MAGNIFIED));
+            }
+        }
+        // The way of the elbow of an arm whose joints can move while its hand stands still.
+        if joints > self.run.directions() {
+            self.ways[4].push((tick, links[joints / 2].p));
+        }
+        self.draw_ghosts(picture);
+        self.draw_marks(row, picture);
+        self.draw_target(row, picture);
+        self.draw_abilities(row, picture);
+        self.draw_rival(tick);
+    }
+
+    /// Postures gone through in the present null-space motion, on both sides of a lock, where they differ from the present one.
+    fn draw_ghosts(&mut self, picture: &Picture) {
+        let key = format!("{:?}", picture.postures);
+        if self.shown.get(GHOST).map_or("[]", String::as_str) != key {
+            self.shown.insert(GHOST.to_owned(), key);
+            let postures = picture.postures.iter().map(|q| self.run.links(q));
+            let body = &self.run.body;
+            let all = postures.flat_map(|links| {
+                body.parts.iter().filter_map(move |part| {
+                    let (link, now) = (links[part.link?], picture.links[part.link?]);
+                    differs(&link, &now).then(|| (part, link.then(&part.at)))
+                })
+            });
+            let all: Vec<_> = all.collect();
+            self.write_parts(Some(picture.tick), GHOST, &all, Some(faded(PALE, 0x50)));
+        }
+    }
+
+    /// The hand's mobility, at C, in the half of the twist that the nearest singularity is of.
+    fn draw_abilities(&mut self, row: &TickRow, picture: &Picture) {
+        let Some(report) = row.singularity else {
+            return;
+        };
+        let near = row.singularities().iter().zip(&picture.signs);
+        let near = near.filter(|(_, sign)| sign.mark.look.presence != Presence::Hidden);
+        let by = |a: &SingularityState, b: &SingularityState| nearness(a).total_cmp(&nearness(b));
+        let half = match near.min_by(|a, b| by(a.0, b.0)) {
+            Some((one, _)) if one.angular == 1 => Half::Angular,
+            _ => Half::Linear,
+        };
+        let q = SVector::from(picture.q);
+        let J = self.run.jacobian(&q, report.p_BC);
+        let shapes = [
+            Some(Ellipsoid::velocity(&J, self.run.arm.velocity(), half)),
+            Ellipsoid::mobility(&J, &self.run.arm.mass_matrix(&q), half),
+        ];
+        for (path, shape) in ABILITIES.into_iter().zip(shapes) {
+            if let Some(Ellipsoid { axes, half_axes }) = shape {
+                // Flat, but not so flat that it has no sides.
+                let size = half_axes.max(Vec3::splat(0.012)) * 0.62 * self.run.mark_size();
+                let track = self.track(path.to_owned(), row.tick);
+                let (R, p) = (axes, vec3(&report.p_BC.into()));
+                track.places.push(Placement { R, p });
+                track.sizes.push(size.to_array());
+            }
+        }
+    }
+
+    /// A row of a track of what is drawn.
+    fn track(&mut self, path: String, tick: u64) -> &mut Track {
+        let track = self.tracks.entry(path).or_default();
+        track.ticks.push(tick);
+        track
+    }
+
+    pub(super) fn place(&mut self, path: String, tick: u64, at: Placement) {
+        self.track(path, tick).places.push(at);
+    }
+
+    pub(super) fn write_tracks(&mut self) {
+        for (path, track) in std::mem::take(&mut self.tracks) {
+            self.sink.send_columns(&path, &track.ticks, track.columns());
+        }
+        for (way, (path, (colour, radius))) in entity::WAYS.into_iter().zip(WAYS).enumerate() {
+            let points = std::mem::take(&mut self.ways[way]);
+            self.ways[way].extend(points.last());
+            // Pieces of a tenth of a second, each a row, so that the line grows with the cursor.
+            for from in (0..points.len().saturating_sub(1)).step_by(5) {
+                let piece = &points[from..points.len().min(from + 6)];
+                let (first, last) = (piece[0], piece[piece.len() - 1]);
+                if first.1.distance(last.1) > 1e-4 {
+                    let strip = [piece.iter().map(|(_, p)| *p)];
+                    let strip = lines(strip, colour, radius * self.run.body.reach);
+                    self.sink.log(last.0, path, &strip);
+                }
+            }
+        }
+    }
+
+    /// The pose of the other law's arm, and Markdown that compares both so far. The words replace those about singularities.
+    fn draw_rival(&mut self, tick: u64) {
+        let Some(rival) = self.run.rival else { return };
+        // A rival that is done stays where it is.
+        let place = (tick / rival.every.max(1)) as usize;
+        let Some(q) = rival.postures.get(place).or(rival.postures.last()) else {
+            return;
+        };
+        let links = self.run.links(q);
+        for (i, link) in links[..self.run.joints()].iter().enumerate() {
+            self.place(entity::link(RIVAL, i), tick, *link);
+        }
+        self.ways[0].push((tick, self.run.hand(q).p));
+        if let Some(words) = rival.words.get(place).or(rival.words.last()) {
+            let document = |_: &Self| TextDocument::from_markdown(words.as_str());
+            self.show(tick, entity::NOW.to_owned(), Some(words.clone()), document);
+        }
+    }
+}
+
+/// Parts in the frame of their link.
+fn placed<'p>(parts: impl Iterator<Item = &'p Part>) -> Vec<(&'p Part, Placement)> {
+    parts.map(|part| (part, part.at)).collect()
+}
