@@ -13,7 +13,7 @@ pub const INTERRUPTED: &str = "interrupted";
 
 /// The outcome of a task that was done within its goal's bounds.
 pub const REACHED: &str = "goal reached";
-/// The outcome of a task whose goal is beyond reach, done up to the boundary of reach.
+/// The outcome of a task whose path leaves the arm's reach, done up to the boundary of reach.
 pub const BOUNDARY: &str = "followed to the boundary";
 /// The outcome of a task that was done, but not within its goal's bounds or the arm's limits.
 pub const MISSED: &str = "goal missed";
@@ -161,6 +161,12 @@ pub struct TaskSummary {
     /// Largest orientation error about the singular directions.
     #[serde(default)]
     pub along_max_deg: f64,
+    /// Largest distance by which the path lay beyond the arm's reach.
+    #[serde(default)]
+    pub beyond_max_mm: f64,
+    /// Ticks in which the path lay beyond reach by more than the deviation and the error that the goal allows.
+    #[serde(default)]
+    pub beyond_ticks: u64,
     /// Position error at the end.
     pub final_position_mm: f64,
     /// Orientation error at the end.
@@ -185,7 +191,8 @@ pub struct TaskSummary {
     #[serde(default)]
     pub missed: Vec<String>,
     /// Causes of an error that `reason` states in words: `held` at a singularity, `inside` (the run ended in a
-    /// neighbourhood, too far off along ζ), `orthogonal` (off orthogonal to ζ, by more than the goal allows).
+    /// neighbourhood, too far off along ζ), `orthogonal` (off orthogonal to ζ, by more than the goal allows), `beyond` (the
+    /// path left the arm's reach).
     #[serde(default)]
     pub causes: Vec<String>,
 }

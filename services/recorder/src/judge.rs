@@ -7,6 +7,7 @@ mod histogram;
 mod joints;
 mod latency;
 mod path;
+mod reach;
 mod singularities;
 mod steered;
 mod task;
@@ -18,7 +19,7 @@ mod turns;
 use control::{GroundTruth, free_axis, ground_truth};
 use model::{Refused, Robot};
 use shared_types::SensorSample;
-use shared_types::bounds::within;
+use shared_types::bounds::{larger, within};
 use shared_types::codes;
 use shared_types::graph::Graph;
 use shared_types::scenario::{Goal, Scenario};
@@ -29,6 +30,7 @@ use chatter::Clock;
 use joints::JointMeter;
 use latency::{Chain, LatencyMeter};
 use path::PathMeter;
+use reach::{Beyond, ReachMeter};
 use singularities::SingularityMeter;
 use steered::SteeredMeter;
 use task::TaskMeter;
@@ -55,16 +57,18 @@ pub struct Judge {
     ticks: u64,
     path: PathMeter,
     task: TaskMeter,
+    reach: ReachMeter,
     joints: JointMeter,
     singularities: SingularityMeter,
     turns: TurnMeter,
     steered: SteeredMeter,
     latency: LatencyMeter,
     events: Vec<(u64, String)>,
-    /// Whether the remaining path at the newest tick is out of reach, and the controller has
-    /// reported it.
-    beyond: bool,
+    /// Whether the controller has reported a goal beyond reach, and whether the errors of the newest tick are along ζ alone.
     clipped: bool,
+    is_at_boundary: bool,
+    /// Distance from the path's end where the controller has refused to go on, mm, °.
+    left: [f64; 2],
     phase: u32,
     refusal: u32,
     /// A part of the segments' orientations that the judge does not ask for, as a clause.
@@ -125,14 +129,16 @@ impl Judge {
             last_tick: 0,
             ticks: 0,
             task: TaskMeter::default(),
+            reach: ReachMeter::default(),
             joints: JointMeter::new(limits),
             singularities: SingularityMeter::default(),
             turns: TurnMeter::default(),
             steered: SteeredMeter::default(),
             latency: LatencyMeter::new(Chain::default()),
             events: Vec::new(),
-            beyond: false,
             clipped: false,
+            is_at_boundary: false,
+            left: [0.0; 2],
             phase: 0,
             refusal: 0,
             unasked: None,
@@ -171,6 +177,14 @@ impl Judge {
             .for_each(|state| self.steered.tick(state));
         let is_beyond = truth.is_beyond(&whole);
         self.task.tick(&error, is_beyond);
+        let bound_mm = beyond_bound(&self.goal);
+        self.reach.tick(
+            error.position[0],
+            is_beyond,
+            self.path.place(),
+            tick.truth,
+            bound_mm,
+        );
         self.task.touch(tick.truth);
         let clock = Clock {
             tick: k,
@@ -186,8 +200,13 @@ impl Judge {
             );
         }
         self.clipped |= tick.control.clipped != 0;
-        self.beyond = self.clipped && is_at_boundary(&error, &self.goal) && is_beyond;
+        self.is_at_boundary = is_at_boundary(&error, &self.goal);
         (self.phase, self.refusal) = (tick.torque.phase, tick.control.refusal);
+        if self.phase == codes::PHASE_REFUSED {
+            let left = self.path.left(self.truth.as_ref(), tick.truth);
+            let split = left.map(|left| TaskError::split(self.truth.as_ref(), &left));
+            self.left = split.map_or([0.0; 2], |left| [left.position[0], left.orientation[0]]);
+        }
         self.ticks += 1;
         error
     }
@@ -203,13 +222,16 @@ impl Judge {
         self.events.drain(..)
     }
 
-    /// Why the task has not come to its end.
+    /// Why the task has not come to its end, and how far from it the arm is.
     fn stopped(&self) -> String {
         match self.phase {
-            codes::PHASE_REFUSED => format!(
-                "the controller refused to go on and brought the arm to rest: {}",
-                codes::name_of(codes::REFUSALS, self.refusal)
-            ),
+            codes::PHASE_REFUSED => {
+                let why = codes::name_of(codes::REFUSALS, self.refusal);
+                let [mm, deg] = self.left;
+                format!(
+                    "the controller refused to go on and brought the arm to rest {mm:.1} mm and {deg:.1}° from the path's end: {why}"
+                )
+            }
             _ => format!(
                 "the run ended after {} ticks, but the controller never set `phase` to done",
                 self.ticks
@@ -222,27 +244,23 @@ impl Judge {
         let completed = self.phase == codes::PHASE_DONE;
         let breach = self.path.breach(self.truth.as_ref(), completed);
         let (is_done, stopped) = (breach.is_none(), self.stopped());
-        let (along, contact) = (self.task.along(), self.task.clause());
+        let (mut along, contact) = (self.task.along(), self.task.clause());
         let mut task = self.task.finish(self.ticks, self.planned_ticks);
+        let mut beyond = self.reach.finish(self.truth.as_ref());
+        beyond.at_end &= self.is_at_boundary;
+        along[0] = larger(along[0], beyond.within_mm);
+        (task.beyond_max_mm, task.beyond_ticks) = (beyond.most_mm, beyond.ticks);
         let (outcome, mut reason) = match (self.phase, breach) {
             (codes::PHASE_DONE, Some(breach)) => (MISSED, breach),
             (codes::PHASE_DONE, None) => {
                 let has_broken_a_limit = self.joints.has_broken_a_limit();
-                done(&task, &self.goal, along, self.beyond, has_broken_a_limit)
+                done(&task, &self.goal, along, beyond, has_broken_a_limit)
             }
             _ => ("stopped", stopped),
         };
         let singularities = &self.singularities;
-        let causes = [
-            ("held", singularities.clauses().next().is_some()),
-            ("inside", singularities.ends().next().is_some()),
-            (
-                "orthogonal",
-                completed && !is_orthogonal_kept(&task, &self.goal),
-            ),
-        ];
-        let causes = causes.into_iter().filter(|(_, holds)| *holds);
-        task.causes = causes.map(|(code, _)| code.to_owned()).collect();
+        let is_orthogonal_missed = completed && !is_orthogonal_kept(&task, &self.goal);
+        task.causes = causes(singularities, is_orthogonal_missed, beyond);
         let clauses = singularities.clauses().chain(singularities.ends());
         let others = self.joints.clauses().chain(contact).chain(self.unasked);
         for clause in clauses.chain(others) {
@@ -327,19 +345,40 @@ impl Bar {
     }
 }
 
+/// Codes of what the reason states in words.
+fn causes(
+    singularities: &SingularityMeter,
+    is_orthogonal_missed: bool,
+    beyond: Beyond,
+) -> Vec<String> {
+    let causes = [
+        ("held", singularities.clauses().next().is_some()),
+        ("inside", singularities.ends().next().is_some()),
+        ("orthogonal", is_orthogonal_missed),
+        ("beyond", beyond.ticks > 0),
+    ];
+    let causes = causes.into_iter().filter(|(_, holds)| *holds);
+    causes.map(|(code, _)| code.to_owned()).collect()
+}
+
+/// Distance by which the path may lie outwards of the hand at a fold, mm: the deviation that a route may take, and the goal's own bound.
+fn beyond_bound(goal: &Goal) -> f64 {
+    goal.path_mm + goal.position_mm
+}
+
 /// Outcome and reason of a task that ran to its end; `along`: largest errors along the singular
-/// directions within reach, mm, °; `beyond`: the rest of the path is out of reach.
+/// directions within reach, mm, °; `beyond`: the part of the path that is out of reach.
 fn done(
     task: &TaskSummary,
     goal: &Goal,
     along: [f64; 2],
-    beyond: bool,
+    beyond: Beyond,
     has_broken_a_limit: bool,
 ) -> (&'static str, String) {
     let [ends, along, across] = bars(task, goal, along);
     let is_judged = ends.iter().chain(&across).any(Bar::is_judged);
     // What lies beyond reach cannot be asked for.
-    let asked = ends.iter().filter(|_| !beyond);
+    let asked = ends.iter().filter(|_| !beyond.at_end);
     let asked = asked.chain(along.iter().chain(&across).filter(|_| is_judged));
     let missed = asked.filter(|bar| !within(bar.value, bar.bound));
     let missed: Vec<String> = missed.map(|bar| bar.told(", allowed")).collect();
@@ -350,10 +389,18 @@ fn done(
     } else if has_broken_a_limit {
         let reason = "the path was followed, but beyond the arm's limits";
         (MISSED, reason.to_owned())
-    } else if beyond {
+    } else if beyond.ticks > 0 {
+        let place = if beyond.at_end {
+            format!(
+                "the goal is {:.1} mm beyond reach and the path up to {:.1} mm",
+                task.final_position_mm, beyond.most_mm
+            )
+        } else {
+            format!("the path lies up to {:.1} mm beyond reach", beyond.most_mm)
+        };
         let reason = format!(
-            "the goal is {:.1} mm beyond reach: the arm is at its boundary, orthogonal to it off by {:.3} mm at most",
-            task.final_position_mm, task.orthogonal_max_mm
+            "{place}, for {} ticks: the arm went along its boundary, orthogonal to it off by {:.3} mm at most",
+            beyond.ticks, task.orthogonal_max_mm
         );
         (BOUNDARY, reason)
     } else if !is_judged {

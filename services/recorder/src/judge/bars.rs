@@ -73,6 +73,7 @@ pub(super) fn judge(
         ("task", !is_done),
         ("joint stop", joints.stopped_ticks > 0),
         ("end", !is_at_goal),
+        ("beyond", task.beyond_ticks > 0),
         ("speed", !within(joints.speed_max_ratio, 1.0)),
         ("torque", saturated_s > SATURATED_S + 1e-9),
     ];

@@ -51,6 +51,11 @@ impl Limits {
         !(self.lower[joint] - GIVE..=self.upper[joint] + GIVE).contains(&q)
     }
 
+    /// Whether a torque is at its joint's limit. A NaN is.
+    fn is_reached(&self, joint: usize, torque: f64) -> bool {
+        !within(share(torque, self.effort[joint]), 1.0 - 1e-9)
+    }
+
     /// Those of a robot.
     pub fn of(robot: &Robot) -> Self {
         let of = |value: fn(&model::Joint) -> f64| robot.joints.iter().map(value).collect();
@@ -171,8 +176,8 @@ impl JointMeter {
         let n = self.count();
         let joints = &mut self.summary;
         let tau = &tick.torque.tau[..n];
-        // A program that limits its torques itself need not say so.
-        let mut is_at_limit = tick.torque.saturation_mask != 0;
+        // A controller's word on its own torques counts for nothing, whichever way it errs.
+        let mut is_at_limit = false;
         for (i, torque) in tau.iter().enumerate() {
             joints.speed_max_ratio = larger(
                 joints.speed_max_ratio,
@@ -185,7 +190,7 @@ impl JointMeter {
             let commanded = share(*torque, self.limits.effort[i]);
             joints.torque_commanded_max_ratio =
                 larger(joints.torque_commanded_max_ratio, commanded);
-            is_at_limit |= !within(commanded, 1.0 - 1e-9);
+            is_at_limit |= self.limits.is_reached(i, *torque);
         }
         if let Some(last) = &self.last_tau {
             let step = (0..n).fold(0.0f64, |step, i| {
@@ -235,8 +240,8 @@ impl JointMeter {
         let bit = 1u32 << i;
         let is_fast = !within(share(tick.truth.qdot[i], self.limits.velocity[i]), 1.0);
         // At almost every tick.
-        if !is_fast && (stops | tick.truth.saturation_mask | tick.torque.saturation_mask) & bit == 0
-        {
+        let is_commanded = self.limits.is_reached(i, tick.torque.tau[i]);
+        if !is_fast && !is_commanded && (stops | tick.truth.saturation_mask) & bit == 0 {
             return;
         }
         let middle = 0.5 * (self.limits.lower[i] + self.limits.upper[i]);
@@ -255,10 +260,7 @@ impl JointMeter {
         for (is_reached, limit) in [
             (stops & bit != 0, stop),
             (is_fast, "speed"),
-            (
-                tick.torque.saturation_mask & bit != 0 || cut && is_at_effort,
-                "torque",
-            ),
+            (is_commanded || cut && is_at_effort, "torque"),
             (cut && !is_at_effort && by_speed, "drive speed"),
             (cut && !is_at_effort && !by_speed, "drive rate"),
         ] {

@@ -108,6 +108,18 @@ impl PathMeter {
         Some(truth.error(&progress, state))
     }
 
+    /// The place on the path of the latest tick; `None`: there is no path.
+    pub(super) fn place(&self) -> Option<Progress> {
+        self.place.as_ref().map(Progress::from)
+    }
+
+    /// The true pose's error against the path's end, `[p_d − p; log(R_d Rᵀ)]`; m, rad. `None`: there is no path.
+    pub(super) fn left(&self, truth: &dyn GroundTruth, state: &PlantState) -> Option<Vector6<f64>> {
+        let mut end = self.place()?;
+        truth.advance(&mut end, (truth.duration_s() - self.clock.time_s).max(0.0));
+        Some(truth.error(&end, state))
+    }
+
     /// Violations of the clock's rules by the controller; `is_done`: it has reported the end of its
     /// task.
     pub(super) fn breach(&self, truth: &dyn GroundTruth, is_done: bool) -> Option<String> {

@@ -5,9 +5,9 @@ use control::{Asked, GroundTruth, Progress};
 use nalgebra::Vector6;
 use shared_types::codes;
 use shared_types::scenario::Goal;
-use shared_types::summary::{MISSED, REACHED, Summary};
+use shared_types::summary::{BOUNDARY, MISSED, REACHED, Summary};
 use shared_types::topics::{ByTopic, Whole};
-use shared_types::{PlantState, SingularityReport};
+use shared_types::{PlantState, SingularityReport, SingularityState};
 
 use super::latency::Span;
 use super::{Judge, Limits, Tick};
@@ -18,6 +18,10 @@ const IDENTITY: [f64; 9] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
 #[derive(Debug, Default)]
 struct Reported {
     zeta: Vec<Vector6<f64>>,
+    /// Whether an error points outwards: in the neighbourhood of an elbow.
+    is_outwards: bool,
+    /// Whether the path beyond the boundary has no posture.
+    is_out_of_reach: bool,
 }
 
 impl Reported {
@@ -36,6 +40,8 @@ impl GroundTruth for Reported {
     fn analyse(&mut self, _: &PlantState, reported: &SingularityReport) {
         let listed = reported.singularities.iter().take(reported.count as usize);
         let inside = listed.filter(|one| one.inside != 0);
+        let is_elbow = |one: &&SingularityState| one.kind == codes::KIND_ELBOW;
+        self.is_outwards = inside.clone().any(|one| is_elbow(&one));
         self.zeta = inside.map(|one| Vector6::from(one.zeta_B)).collect();
     }
     fn advance(&self, _: &mut Progress, _: f64) {}
@@ -54,7 +60,10 @@ impl GroundTruth for Reported {
             .fold(*error, |rest, zeta| rest - zeta * zeta.dot(&rest))
     }
     fn is_beyond(&self, _: &Vector6<f64>) -> bool {
-        !self.zeta.is_empty()
+        self.is_outwards
+    }
+    fn reaches(&self, _: &Progress, _: &PlantState) -> bool {
+        !self.is_out_of_reach
     }
     fn response(&self, _: &[f64]) -> f64 {
         0.0
@@ -332,7 +341,7 @@ fn every_limit_is_in_the_summary_and_in_the_events() {
         if (3..7).contains(&k) {
             (m.plant_state.limit_mask, m.plant_state.q[3]) = (1 << 3, -1.0);
             m.plant_state.qdot[1] = 2.1;
-            m.torque.saturation_mask = 1 << 5;
+            m.torque.tau[5] = limits().effort[5];
         }
         judge.tick(Tick::of(&m.lent()).unwrap());
     }
@@ -368,14 +377,67 @@ fn reached(verdict: &Summary) -> Vec<(&str, &str, u64, u64)> {
         .collect()
 }
 
+/// A controller's mask may deny a torque at its limit, or claim one that is not.
 #[test]
-fn a_torque_at_its_limit_counts_whatever_its_law_says() {
-    let verdict = judged(10, |k, m| {
-        if (3..7).contains(&k) {
-            m.torque.tau[5] = -limits().effort[5];
+fn a_torque_is_at_its_limit_whatever_its_law_says() {
+    for (share, mask, ticks) in [(-1.0, 0, 20), (0.43, 1 << 5, 0)] {
+        let verdict = judged(40, |k, m| {
+            if (3..23).contains(&k) {
+                m.torque.tau[5] = share * limits().effort[5];
+                m.torque.saturation_mask = mask;
+            }
+        });
+        assert_eq!(verdict.joints.saturated_ticks, ticks);
+        assert_eq!(
+            (verdict.task.s1, reached(&verdict).len()),
+            (ticks == 0, usize::from(ticks > 0))
+        );
+    }
+}
+
+/// Towards a pose that no posture has, the hand is at the boundary; towards one that a posture has, it lags.
+#[test]
+fn a_path_beyond_reach_is_followed_to_the_boundary() {
+    let meter = |truth: &Reported| {
+        let mut meter = super::reach::ReachMeter::default();
+        for (mm, is_outwards) in [
+            (1.5, true),
+            (24.0, false),
+            (7.0, true),
+            (3.0, true),
+            (0.0, true),
+        ] {
+            meter.tick(
+                mm,
+                is_outwards,
+                Some(Progress::default()),
+                &PlantState::default(),
+                2.0,
+            );
         }
-    });
-    assert_eq!(verdict.joints.saturated_ticks, 4);
+        let found = meter.finish(truth);
+        (found.most_mm, found.ticks, found.at_end, found.within_mm)
+    };
+    let is_out_of_reach = true;
+    let beyond = Reported {
+        is_out_of_reach,
+        ..Reported::default()
+    };
+    assert_eq!(meter(&beyond), (7.0, 2, false, 0.0));
+    assert_eq!(meter(&Reported::default()), (0.0, 0, false, 7.0));
+    // On the way alone, or at the end.
+    for at in [4..7, 4..10] {
+        let verdict = judged(10, |k, m| {
+            near(m, codes::KIND_ELBOW);
+            m.plant_state.p_BE[0] = if at.contains(&k) { 0.024 } else { 0.0 };
+        });
+        assert_eq!(
+            (verdict.outcome.as_str(), verdict.task.beyond_ticks),
+            (BOUNDARY, at.end - at.start)
+        );
+        assert!((verdict.task.beyond_max_mm - 24.0).abs() < 1e-9 && !verdict.task.s1);
+        assert!(verdict.task.causes.contains(&"beyond".to_owned()));
+    }
 }
 
 /// A drive limits a torque for three reasons; only one of them is the joint's torque limit.
