@@ -2,7 +2,7 @@
 
 use crate::limits::torque::Drives;
 use crate::plan::beyond_reach;
-use crate::plan::scenario::route_ahead;
+use crate::plan::scenario::Task;
 use crate::reference::guide::Guide;
 use crate::reference::path::Path;
 use crate::reference::posture::Postures;
@@ -124,7 +124,17 @@ impl<const N: usize> Controller<N> {
         let mut postures = Postures::new(robot, scenario, q_start)?;
         let fresh = Analyzer::new(robot, &scenario.analysis);
         let goals = postures.goals();
-        let (plan, obstacle) = route_ahead(&model, robot, scenario, &path, &fresh, &q_start, goals)
+        let task = Task {
+            model: &model,
+            robot,
+            scenario,
+            path: &path,
+            analyzer: &fresh,
+            q_start: &q_start,
+            postures: goals,
+        };
+        let (plan, obstacle) = task
+            .route_ahead()
             .map_or_else(|obstacle| (None, Some(obstacle)), |plan| (plan, None));
         let guide = Guide::new(plan, (0..).take_while(|i| path.leg(*i).is_some()).count());
         postures.stay(guide.beyond_reach());

@@ -6,6 +6,7 @@
 
 use crate::centre::PoseMotion;
 use crate::linear;
+use crate::plan::{self, kinematics::Kinematics};
 use crate::reference::free_axis;
 use crate::reference::path::{Path, Progress};
 use crate::setup::{SetupError, start_posture};
@@ -52,6 +53,11 @@ pub trait GroundTruth: std::fmt::Debug {
     /// Whether what an error `[p_d − p; ·]` has left along ζ lies beyond the boundary of reach: at a fold (Type 1) in whose
     /// neighbourhood the true posture is, it points outwards.
     fn is_beyond(&self, error: &Vector6<f64>) -> bool;
+
+    /// Whether any posture of the arm has the pose of a place, found by Newton steps from the true posture and from others.
+    ///
+    /// Cost up to some 10 ms
+    fn reaches(&self, place: &Progress, truth: &PlantState) -> bool;
 
     /// ½ΔΓᵀA⁻¹ΔΓ of a step ΔΓ of the torques, with A of the true posture; N²m²/(kg·m²). NaN without an inverse.
     fn response(&self, step: &[f64]) -> f64;
@@ -103,6 +109,7 @@ struct Truth<const N: usize> {
     /// Whether ζ in the report points the other way than the analysis has it.
     turned: [bool; MAX_SINGULARITIES],
     task: [bool; 6],
+    length_m: f64,
 }
 
 impl<const N: usize> Truth<N> {
@@ -127,6 +134,7 @@ impl<const N: usize> Truth<N> {
             analyzer,
             model,
             task: robot.task.0,
+            length_m: robot.length_m,
         })
     }
 }
@@ -234,6 +242,19 @@ impl<const N: usize> GroundTruth for Truth<N> {
             };
             one.inside && !one.angular && one.class == Class::Type1 && way * outwards > 0.0
         })
+    }
+
+    fn reaches(&self, place: &Progress, truth: &PlantState) -> bool {
+        let arm = Kinematics {
+            model: &self.model,
+            p_EC: Vector3::zeros(),
+            task: self.task,
+            length_m: self.length_m,
+        };
+        let pose = |path: &Path| path.place(place).moving(0.0, 0.0).pose();
+        self.path
+            .as_ref()
+            .is_none_or(|path| plan::reachable(&arm, &pose(path), &joints(&truth.q)))
     }
 
     fn response(&self, step: &[f64]) -> f64 {

@@ -53,6 +53,7 @@ mod tests;
 pub use controller::Controller;
 pub use ground_truth::{Asked, GroundTruth, ground_truth};
 pub use paper::type_1::SIDE_CHANGE;
+pub use plan::scenario::advice;
 pub use reference::free_axis::free_axis;
 pub use reference::path::{Progress, quintic};
 pub use setup::{SetupError, start_posture};

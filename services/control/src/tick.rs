@@ -96,7 +96,9 @@ fn tick<const N: usize>(
     let torques = law::torques(setup, &mut state, now, &motion, &rows)?;
     let limited = limits::apply(setup, &mut state, now, &motion, &torques)?;
     let command = command::running(setup, &state, now, &motion, &rows, &limited);
-    clock::step(setup, &mut state, now, &motion, &torques, rows.load);
+    clock::step(
+        setup, &mut state, now, &motion, &torques, rows.load, &limited,
+    );
     Ok((state, command))
 }
 
@@ -259,6 +261,11 @@ impl<const N: usize> Controller<N> {
             ..Parts::zero()
         };
         let limited = self.setup.drives.send(&mut self.state.sent, &bias, &parts);
-        command::resting(&self.state, &limited)
+        let desired = self.setup.path.place(&self.state.progress).moving(0.0, 0.0);
+        Command {
+            // The pose at which the path stopped, against which the arm is judged.
+            X_BE_d: desired.pose(),
+            ..command::resting(&self.state, &limited)
+        }
     }
 }

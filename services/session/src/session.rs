@@ -5,9 +5,12 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use launcher::{End, Interrupts, Outcome};
+use model::Robot;
+use recorder::Judge;
 use runtime::RunDir;
 use shared_types::job::{Job, Mode};
-use shared_types::summary::Summary;
+use shared_types::scenario::Scenario;
+use shared_types::summary::{REACHED, Summary};
 
 use crate::drawing::draw_results;
 use crate::failure::Failure;
@@ -112,7 +115,8 @@ fn run_from(
     let say = |sentence: &str| observer(Progress::Line(&format!("armplane: {sentence}")));
     let named = |sentence: String| format!("{}: {sentence}", request.scenario);
     let warning = chain::try_first_tick(&robot, &scenario);
-    let warning = warning.map_err(|error| Failure::Input(named(error.to_string())))?;
+    let warning = warning
+        .map_err(|error| Failure::Input(named(error.to_string() + &advice(&robot, &scenario))))?;
     warning.map(named).iter().for_each(|warning| say(warning));
     // Before the first file is made; until then a signal ends the program at once.
     let signals = interrupts()?;
@@ -157,6 +161,24 @@ fn run_from(
         finish_live,
         observer,
     ))
+}
+
+/// Advice for a scenario that the law refuses, as a clause: a change with which a run on one thread has reached its goal.
+fn advice(robot: &Robot, scenario: &Scenario) -> String {
+    let mut succeeds = |changed: &Scenario| {
+        let changed = chain::without_faults(changed);
+        let Ok(mut judge) = Judge::new(robot, &changed) else {
+            return false;
+        };
+        let ran = chain::run(robot, &changed, |tick| {
+            if let Some(tick) = recorder::Tick::of(&tick.lent()) {
+                judge.tick(tick);
+            }
+        });
+        ran.is_ok() && judge.verdict().outcome == REACHED
+    };
+    // Advice that cannot be found is none: the refusal stands for itself.
+    control::advice(robot, scenario, &mut succeeds).unwrap_or_default()
 }
 
 /// Adds the lines that nobody has read; see [`Request`].

@@ -2,6 +2,7 @@
 //!
 //! Reduces to the paper's law: at a demand below 0.95 the clock runs at exactly 1 (proof: `a_feasible_path_runs_at_full_clock_speed`).
 
+use super::torque::Limited;
 use super::{range, speed};
 use crate::controller::Setup;
 use crate::law::Torques;
@@ -79,7 +80,8 @@ impl Clock {
 
     /// Slows down as fast as an arm does that is damped by `damping`, 1/s: the path waits for it.
     pub fn slow_down(&mut self, damping: f64, dt: f64) {
-        self.rate = (self.rate * libm::exp(-damping * dt)).max(SLOWEST);
+        let slowest = SLOWEST.min(self.rate);
+        self.rate = (self.rate * libm::exp(-damping * dt)).max(slowest);
         self.rate_dot = 0.0;
     }
 
@@ -96,7 +98,8 @@ impl Clock {
         for i in 0..N {
             let room = room(limits[i], load.holding[i]);
             demand = demand.max(MARGIN * (load.following[i].abs() / room).sqrt());
-            hardest = hardest.min(BRAKE * limits[i] / load.braking[i].abs().max(1e-9));
+            let braking = BRAKE * limits[i].min(2.0 * room);
+            hardest = hardest.min(braking / load.braking[i].abs().max(1e-9));
         }
         let rising = ((demand.max(QUIET) - self.demand.max(QUIET)) / dt).max(0.0);
         self.demand = demand;
@@ -113,10 +116,10 @@ impl Clock {
     }
 }
 
-/// Torque that is left for following the path beside what holds the arm: |holding + r²·following| ≤ 0.95·limit, at least a quarter of it; N·m.
+/// Torque that is left for following the path beside what holds the arm: |holding + r²·following| ≤ 0.95·limit, at least a hundredth of it; N·m.
 #[must_use]
 pub(crate) fn room(limit: f64, holding: f64) -> f64 {
-    (MARGIN * limit - holding.abs()).max(0.25 * limit)
+    (MARGIN * limit - holding.abs()).max(0.01 * limit)
 }
 
 /// Step 5: time goes on at the clock's speed, whose next one the demands of this tick decide.
@@ -127,6 +130,7 @@ pub(crate) fn step<const N: usize>(
     motion: &Motion<N>,
     torques: &Torques<N>,
     auxiliary_load: f64,
+    limited: &Limited,
 ) {
     let (model, control) = (&setup.model, &setup.scenario.control);
     let (clock, A) = (state.clock.rate, &now.terms.A);
@@ -149,6 +153,10 @@ pub(crate) fn step<const N: usize>(
         };
         let dt = setup.scenario.dt_s();
         state.clock.govern(&load, model.effort(), dt);
+        if limited.saturation_mask != 0 && setup.scenario.servo.is_none() {
+            // The arm falls behind: the path waits, whatever was reckoned with.
+            state.clock.slow_down(1.0 / DOWN, dt);
+        }
     }
     pass(setup, state, clock);
 }
@@ -206,6 +214,22 @@ mod tests {
             clock.govern(&load(0.94, 7.0), &Vector1::new(10.0), 1e-3);
             assert_eq!((clock.rate, clock.rate_dot), (1.0, 0.0));
         }
+    }
+
+    /// Where gravity takes most of a limit, the path gets the little that is left, and its clock gives way at once when that is used up.
+    #[test]
+    fn a_heavy_arm_is_moved_by_the_torque_that_is_left() {
+        assert!((room(10.0, 9.3) - 0.2).abs() < 1e-12 && room(10.0, 9.9) > 0.0);
+        let (limits, mut clock) = (Vector1::new(10.0), Clock::default());
+        let heavy = Load {
+            holding: Vector1::new(9.0),
+            ..load(0.0, 2.0)
+        };
+        (0..500).for_each(|_| clock.govern(&heavy, &limits, 1e-3));
+        let torque = 9.0 + 2.0 * clock.rate * clock.rate;
+        assert!(torque < 9.6 && clock.rate > 0.4, "{torque}");
+        (0..40).for_each(|_| clock.slow_down(1.0 / DOWN, 1e-3));
+        assert!(clock.rate < 0.08);
     }
 
     #[test]

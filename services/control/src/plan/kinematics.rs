@@ -9,6 +9,9 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3, Vector6};
 const FLOOR: f64 = 1e-6;
 /// Unit-scaled pose error at which a posture counts as a solution: 0.4 nm, 1e-9 rad.
 pub const SOLVED: f64 = 1e-9;
+/// Damping under which a direction stands still that is lost, and not needed; unit-scaled pose error of a self-motion that is none.
+pub(super) const PLAIN_DAMPING: f64 = 1e-3;
+const AT_REST: f64 = 1e-6;
 /// Newton steps towards one pose.
 const STEPS: usize = 12;
 /// The same where damping leaves an error anyway.
@@ -185,6 +188,16 @@ impl<const N: usize> Kinematics<'_, N> {
             }
         }
         (q, e)
+    }
+
+    /// The posture near `guess` of a self-motion at the pose `X`, and the error that is left: in a lock, where rounding errors are not to turn the joints.
+    pub(super) fn at_rest(
+        &self,
+        X: &Pose,
+        guess: &SVector<f64, N>,
+    ) -> (SVector<f64, N>, Vector6<f64>) {
+        let zero = SVector::zeros();
+        self.solve(X, guess, &zero, PLAIN_DAMPING, AT_REST)
     }
 
     /// The posture of a pose that damped steps from `near` lead to: the damping falls where a step helps, and grows where it does not.

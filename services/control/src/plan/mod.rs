@@ -36,7 +36,7 @@ use kinematics::Kinematics;
 use model::{Model, Pose};
 use nalgebra::{SVector, Vector3};
 use request::{analyse, centre};
-use route::{ARRIVED, Block, Bounds, Furthest, Knot, Search, Stretch};
+use route::{ARRIVED, Block, Bounds, Effort, Furthest, Knot, Search, Stretch};
 
 /// Most layers of a leg.
 pub const LAYERS: usize = 40;
@@ -58,7 +58,7 @@ pub struct Infeasible {
     pub time_s: f64,
     /// The cause of its end.
     pub obstacle: Obstacle,
-    /// Whether all branches and full turns were tried: there is no route. Else none was found within the budget.
+    /// Whether all branches, self-motions in locks and full turns were tried: there is no route. Else none was found.
     pub is_exhausted: bool,
 }
 
@@ -89,14 +89,16 @@ pub enum Remedy<const N: usize> {
     Allow(f64, f64),
 }
 
-/// A remedy for a task that is not feasible: another posture of the start pose, else more deviation from the path.
+/// A remedy for a task that is not feasible, and that `helps`: another posture of the start pose, else more deviation from the path.
 ///
-/// Cost up to [`STARTS`] + [`ALLOWANCES`] searches: only for a refusal's words.
-#[must_use]
-pub fn remedy<const N: usize>(request: &Request<'_, N>) -> Option<Remedy<N>> {
+/// Cost up to [`STARTS`] + [`ALLOWANCES`] searches, and as many calls of `helps`: only for a refusal's words.
+pub fn remedy<const N: usize>(
+    request: &Request<'_, N>,
+    helps: &mut dyn FnMut(&Remedy<N>) -> bool,
+) -> Option<Remedy<N>> {
     let legs = (0..).take_while(|i| request.path.leg(*i).is_some()).count();
     let holds = |request: &Request<'_, N>| {
-        attempt(request, false, &[]).is_ok_and(|plan| plan.legs() == legs)
+        attempt(request, Effort::Branches, &[]).is_ok_and(|plan| plan.legs() == legs)
     };
     let arm = request.kinematics(Vector3::zeros());
     let X = arm.pose(&request.q_start);
@@ -118,33 +120,25 @@ pub fn remedy<const N: usize>(request: &Request<'_, N>) -> Option<Remedy<N>> {
             .norm()
             .total_cmp(&(b - request.q_start).norm())
     });
-    let start = starts[1..].iter().find(|q| {
-        holds(&Request {
-            q_start: **q,
+    let other_starts = starts[1..].iter().map(|q| {
+        let there = Request {
+            q_start: *q,
             ..*request
-        })
+        };
+        (Remedy::Start(*q), there)
     });
-    let allowed = |factor: f64| {
-        (
-            request.position_m * factor,
-            request.orientation_rad * factor,
-        )
-    };
-    let more = || {
-        ALLOWANCES
-            .into_iter()
-            .map(allowed)
-            .find(|(position_m, orientation_rad)| {
-                holds(&Request {
-                    position_m: *position_m,
-                    orientation_rad: *orientation_rad,
-                    ..*request
-                })
-            })
-    };
-    start.map(|q| Remedy::Start(*q)).or_else(|| {
-        more().map(|(position_m, orientation_rad)| Remedy::Allow(position_m, orientation_rad))
-    })
+    let allowances = ALLOWANCES.map(|factor| {
+        let more = Request {
+            position_m: request.position_m * factor,
+            orientation_rad: request.orientation_rad * factor,
+            ..*request
+        };
+        (Remedy::Allow(more.position_m, more.orientation_rad), more)
+    });
+    other_starts
+        .chain(allowances)
+        .find(|(remedy, changed)| holds(changed) && helps(remedy))
+        .map(|(remedy, _)| remedy)
 }
 
 /// A plan for the whole path, or as far as it lies within reach.
@@ -153,8 +147,13 @@ pub fn remedy<const N: usize>(request: &Request<'_, N>) -> Option<Remedy<N>> {
 /// [`Infeasible`] where no continuous motion within the limits was found that follows the path. A leg whose goal is beyond reach is no such case: the
 /// plan ends where that leg begins.
 pub fn plan<const N: usize>(request: &Request<'_, N>) -> Result<PathPlan<N>, Infeasible> {
-    let quick = attempt(request, false, &[]);
-    if quick.as_ref().is_ok_and(PathPlan::is_easy) {
+    let is_easy = |found: &Found<N>| found.as_ref().is_ok_and(PathPlan::is_easy);
+    let plain = attempt(request, Effort::Plain, &[]);
+    if is_easy(&plain) {
+        return plain.map_err(|failed| failed.why);
+    }
+    let quick = attempt(request, Effort::Branches, &[]);
+    if is_easy(&quick) {
         return quick.map_err(|failed| failed.why);
     }
     let times = match &quick {
@@ -165,22 +164,27 @@ pub fn plan<const N: usize>(request: &Request<'_, N>) -> Result<PathPlan<N>, Inf
             times
         }
     };
-    let redundant = has_spare_joints(request);
-    let second = if times.is_empty() && !redundant {
-        Err(None)
-    } else {
-        attempt(request, redundant, &times).map_err(Some)
-    };
-    let (failed, other) = match (quick, second) {
-        (Ok(one), Ok(two)) => return Ok(if two.cost() < one.cost() { two } else { one }),
-        (Ok(one), Err(_)) | (Err(_), Ok(one)) => return Ok(one),
-        (Err(one), Err(two)) => (one, two),
-    };
-    // The second search has tried more.
-    let is_further = |other: &Failed<N>| other.legs >= failed.legs;
-    Err(other
-        .filter(|other| is_further(other))
-        .map_or(failed.why, |other| other.why))
+    let mut found = better(plain, quick);
+    if has_spare_joints(request) {
+        found = better(found, attempt(request, Effort::Fan, &times));
+    } else if !times.is_empty() {
+        found = better(found, attempt(request, Effort::Branches, &times));
+    }
+    found.map_err(|failed| failed.why)
+}
+
+/// The better one of two searches: the plan that leads further, the cheaper one of those, or the reason of the one that came further.
+fn better<const N: usize>(one: Found<N>, two: Found<N>) -> Found<N> {
+    match (one, two) {
+        (Ok(one), Ok(two)) => {
+            let is_better =
+                two.legs() > one.legs() || two.legs() == one.legs() && two.cost() < one.cost();
+            Ok(if is_better { two } else { one })
+        }
+        (Ok(plan), Err(_)) | (Err(_), Ok(plan)) => Ok(plan),
+        // The later search has tried more.
+        (Err(one), Err(two)) => Err(if two.legs >= one.legs { two } else { one }),
+    }
 }
 
 /// Whether the arm has more joints than the task has axes.
@@ -190,6 +194,9 @@ fn has_spare_joints<const N: usize>(request: &Request<'_, N>) -> bool {
     let joints = J.column_iter().filter(|column| column.amax() > 0.0).count();
     joints > request.task.iter().filter(|counts| **counts).count()
 }
+
+/// The outcome of a search.
+type Found<const N: usize> = Result<PathPlan<N>, Box<Failed<N>>>;
 
 /// A plan that was not found: why, and the knots of the route that came furthest.
 struct Failed<const N: usize> {
@@ -202,16 +209,12 @@ struct Failed<const N: usize> {
 }
 
 /// One search; `times` are further layers, on the path's clock.
-fn attempt<const N: usize>(
-    request: &Request<'_, N>,
-    fan: bool,
-    times: &[f64],
-) -> Result<PathPlan<N>, Box<Failed<N>>> {
+fn attempt<const N: usize>(request: &Request<'_, N>, effort: Effort, times: &[f64]) -> Found<N> {
     let mut route = Route::new(*request);
     while let Some(leg) = request.path.leg(route.progress.leg).copied() {
         if let Some((place, angle)) = leg.reorient {
             route.turn(&leg, (place, angle));
-        } else if !route.follow(&leg, fan, times) {
+        } else if !route.follow(&leg, effort, times) {
             let Some(why) = route.infeasible(&leg) else {
                 // The controller clips the goal to the boundary, and reports it.
                 return Ok(route.planned(true));
@@ -329,7 +332,7 @@ impl<'a, const N: usize> Route<'a, N> {
     }
 
     /// Searches for routes along a leg that moves the end-effector; false where none leads to its end.
-    fn follow(&mut self, leg: &Leg, fan: bool, times: &[f64]) -> bool {
+    fn follow(&mut self, leg: &Leg, effort: Effort, times: &[f64]) -> bool {
         let Request {
             path,
             q_start,
@@ -369,7 +372,11 @@ impl<'a, const N: usize> Route<'a, N> {
                 .is_some()
                 .then_some(&ramp as &dyn Fn(f64) -> SVector<f64, N>),
             layers: &layers,
-            fan: fan && !still,
+            effort: if still && effort == Effort::Fan {
+                Effort::Branches
+            } else {
+                effort
+            },
         };
         let mut found = self.search.leg(&stretch, &self.layer);
         let began = || fold(&self.search.node(self.best()).q);
@@ -422,7 +429,9 @@ impl<'a, const N: usize> Route<'a, N> {
             leg: self.progress.leg,
             time_s: far.t,
             obstacle,
-            is_exhausted: !has_spare_joints(request) && obstacle != Obstacle::Undecided,
+            is_exhausted: !has_spare_joints(request)
+                && !self.search.passes_locks()
+                && obstacle != Obstacle::Undecided,
         })
     }
 
@@ -474,7 +483,11 @@ fn layers(duration_s: f64, count: usize, others: impl Iterator<Item = f64>) -> V
 }
 
 /// Whether any posture, within the limits or not, has this pose.
-fn reachable<const N: usize>(arm: &Kinematics<'_, N>, X: &Pose, near: &SVector<f64, N>) -> bool {
+pub(crate) fn reachable<const N: usize>(
+    arm: &Kinematics<'_, N>,
+    X: &Pose,
+    near: &SVector<f64, N>,
+) -> bool {
     let solves = |q: &SVector<f64, N>| arm.approach(X, q).is_some();
     let middle = spread(arm.model, 0);
     let beside = |k: u32| near + (spread(arm.model, k) - middle) * 0.2;

@@ -7,7 +7,9 @@
 mod closing;
 mod self_motion;
 
-use super::kinematics::{Kinematics, LOCKED, SOLVED, Spectrum, lowest, slowest};
+use self_motion::AtRest;
+
+use super::kinematics::{Kinematics, LOCKED, PLAIN_DAMPING, SOLVED, Spectrum, lowest, slowest};
 use model::Pose;
 use nalgebra::{SVector, Vector6};
 use std::cell::Cell;
@@ -34,6 +36,9 @@ const SAME: f64 = 0.03;
 const RETURNS: u32 = 60;
 /// Two solutions of a pose that lie further apart, off the self-motion, are the two sides of a fold, rad.
 const TWIN: f64 = 1e-3;
+/// σ below which a route passes a lock so near that other ways may begin there, and below which the lock itself is looked for.
+const PASSED: f64 = 0.05;
+const BESIDE_LOCK: f64 = 0.03;
 /// σ below which other ways on are looked for.
 const NEAR: f64 = 0.2;
 /// Dampings of a step that may leave the path: a weak one goes around a lock as far as it can, a strong one straight past it; that one grows with the
@@ -41,6 +46,8 @@ const NEAR: f64 = 0.2;
 const DAMPING: f64 = 0.03;
 const STRONG_DAMPING: f64 = 0.1;
 const DAMPING_PER_RAD: f64 = 3.0;
+/// Largest deviation of the plain continuation as a share of what the user allows, and at most, m and rad.
+const PLAIN: (f64, f64, f64) = (0.02, 2e-5, 2e-4);
 /// Share of the deviation allowed that a route takes at its knots, and half-way between. The law follows only the auxiliary coordinate of a route and
 /// keeps the path in every other direction: the arm deviates less than the damped postures do.
 const LEFT: (f64, f64) = (1.0, 1.2);
@@ -103,6 +110,8 @@ pub(super) struct Node<const N: usize> {
     pub(super) cost: f64,
     /// On the path, not beside it.
     is_exact: bool,
+    /// How many layers the route has been in a lock without leaving it.
+    locked: u32,
     /// From the parent's posture to this one, the parent's not included.
     knots: Vec<Knot<N>>,
 }
@@ -133,11 +142,27 @@ pub(super) struct Stretch<'a, const N: usize> {
     pub(super) posture: Option<&'a dyn Fn(f64) -> SVector<f64, N>>,
     /// Times of the layers within the leg, s.
     pub(super) layers: &'a [f64],
-    /// Whether spare joints are tried both ways.
-    pub(super) fan: bool,
+    /// The branches that are searched.
+    pub(super) effort: Effort,
+}
+
+/// The branches that a search looks at.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Effort {
+    /// The start posture's own: the plain continuation, which also stays in a lock.
+    Plain,
+    /// Those that locks and folds open.
+    Branches,
+    /// And spare joints both ways.
+    Fan,
 }
 
 impl<const N: usize> Stretch<'_, N> {
+    /// Whether spare joints are tried both ways.
+    fn fans(&self) -> bool {
+        self.effort == Effort::Fan
+    }
+
     /// Whether a posture is on the other side of the fold than the one on which to leave it.
     fn is_across(&self, q: &SVector<f64, N>) -> bool {
         self.branch != 0 && (self.side)(q) * f64::from(self.branch) < 0.0
@@ -152,9 +177,21 @@ pub(super) struct Furthest<const N: usize> {
     pub(super) block: Block,
 }
 
+/// How closely an edge keeps to the path.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Fit {
+    /// Exactly.
+    Exact,
+    /// As far as anybody sees: a lost direction that the path does not need stands still.
+    Plain,
+    /// Within the deviation that the user allows.
+    Lax,
+}
+
 /// How an edge is followed.
 #[derive(Clone, Copy, Debug)]
 struct Way<const N: usize> {
+    fit: Fit,
     damping: f64,
     /// Null-space motion over the edge.
     drift: SVector<f64, N>,
@@ -164,14 +201,32 @@ impl<const N: usize> Way<N> {
     /// On the path, with no null-space motion.
     fn exact() -> Self {
         Self {
+            fit: Fit::Exact,
             damping: 0.0,
             drift: SVector::zeros(),
         }
     }
 
+    /// Damped, with a null-space motion.
+    fn plain(drift: SVector<f64, N>) -> Self {
+        Self {
+            fit: Fit::Plain,
+            damping: PLAIN_DAMPING,
+            drift,
+        }
+    }
+
+    /// Unit-scaled pose error at which a step is solved.
+    fn enough(&self) -> f64 {
+        match self.fit {
+            Fit::Plain => 1e-7,
+            Fit::Exact | Fit::Lax => SOLVED,
+        }
+    }
+
     /// Whether the path may be left.
     fn is_lax(&self) -> bool {
-        self.damping > 0.0
+        self.fit == Fit::Lax
     }
 }
 
@@ -190,6 +245,8 @@ pub(super) struct Search<'a, const N: usize> {
     pub(super) locks: Vec<f64>,
     /// Distance kept from every joint limit, rad (m).
     clear: f64,
+    /// Whether a route came near a lock without being in it: within the deviation allowed there may be ways that are not searched.
+    passes_locks: Cell<bool>,
 }
 
 impl<'a, const N: usize> Search<'a, N> {
@@ -200,6 +257,7 @@ impl<'a, const N: usize> Search<'a, N> {
             heading: SVector::zeros(),
             cost: 0.0,
             is_exact: true,
+            locked: 0,
             knots: vec![Knot::moving(0.0, q_start)],
         };
         Self {
@@ -212,7 +270,13 @@ impl<'a, const N: usize> Search<'a, N> {
             cut: Cell::new(false),
             locks: vec![],
             clear: CLEAR,
+            passes_locks: Cell::new(false),
         }
+    }
+
+    /// Whether a route came near a lock without being in it.
+    pub(super) fn passes_locks(&self) -> bool {
+        self.passes_locks.get()
     }
 
     /// Whether a way on has been left out, so that a dead end proves nothing: by the budget, by the most postures of a layer, by the longest
@@ -281,6 +345,7 @@ impl<'a, const N: usize> Search<'a, N> {
             heading: SVector::zeros(),
             cost,
             is_exact: true,
+            locked: 0,
             knots,
         });
         Some(self.nodes.len() - 1)
@@ -289,19 +354,25 @@ impl<'a, const N: usize> Search<'a, N> {
     /// Follows a leg from the layer `from`; returns the layer at its end, empty where no route leads there.
     pub(super) fn leg(&mut self, leg: &Stretch<'_, N>, from: &[usize]) -> Vec<usize> {
         self.spent_before += self.spent.take();
-        self.clear = if leg.fan { CLEAR_SPARE } else { CLEAR };
+        self.clear = if leg.fans() { CLEAR_SPARE } else { CLEAR };
         let mut layer = from.to_vec();
         for node in &mut layer {
             self.nodes[*node].heading = SVector::zeros();
         }
+        if leg.effort == Effort::Plain {
+            return layer
+                .iter()
+                .filter_map(|node| self.plain(leg, *node))
+                .collect();
+        }
         let mut t = 0.0;
         for (k, next) in leg.layers.iter().enumerate() {
             let ends = k == 0 && leg.from_s == 0.0;
-            let waiting: Vec<usize> = layer
-                .iter()
-                .flat_map(|node| self.waits(leg, *node, t, ends))
-                .collect();
-            layer.extend(waiting);
+            let mut opening = layer.clone();
+            opening.retain(|node| self.opens(*node));
+            for node in opening {
+                layer.extend(self.waits(leg, node, t, ends));
+            }
             let layer_in = self.prune(layer);
             layer = layer_in
                 .iter()
@@ -316,6 +387,32 @@ impl<'a, const N: usize> Search<'a, N> {
         // A leg ends on the path, however it was left meanwhile.
         layer.retain(|node| self.closes(*node, &(leg.pose)(t)));
         layer
+    }
+
+    /// Whether self-motions are looked for from a posture: a route that stays in a lock has the same ones in every layer, so it is asked ever less often.
+    fn opens(&self, node: usize) -> bool {
+        let locked = self.nodes[node].locked;
+        let opens = locked == 0 || locked.is_power_of_two();
+        if !opens {
+            self.cut();
+        }
+        opens
+    }
+
+    /// The plain continuation of a posture to the end of a leg.
+    fn plain(&mut self, leg: &Stretch<'_, N>, node: usize) -> Option<usize> {
+        let (mut node, mut t) = (node, 0.0);
+        for next in leg.layers {
+            let Node { q, heading, .. } = self.nodes[node];
+            let spectrum = self.arm.spectrum(&q);
+            let (dt, rest) = (next - t, leg.duration_s - t);
+            let drift = self.push(&spectrum, &q, dt) + self.homeward(&spectrum, &q, (dt, rest));
+            let way = Way::plain(drift);
+            let knots = self.follow(leg, &q, &heading, (t, *next), &way).ok()?;
+            node = self.push_node(leg, node, knots, &way)?;
+            t = *next;
+        }
+        Some(node)
     }
 
     /// Whether a posture of a layer lies on the branch of a cheaper one: beside a fold its two sides are near to each other.
@@ -372,16 +469,17 @@ impl<'a, const N: usize> Search<'a, N> {
         let drift = self.push(spectrum, q, dt);
         let homeward = drift + self.homeward(spectrum, q, (dt, leg.duration_s - t0));
         let straight = Way {
-            drift: if leg.fan { drift } else { homeward },
+            drift: if leg.fans() { drift } else { homeward },
             ..Way::exact()
         };
         let drifting = |drift| Way { drift, ..straight };
         let damped = |damping| Way {
+            fit: Fit::Lax,
             damping,
             ..straight
         };
         let mut ways = vec![straight];
-        if leg.fan && leg.posture.is_none() {
+        if leg.fans() && leg.posture.is_none() {
             if (homeward - drift).amax() > 1e-3 * dt {
                 ways.push(drifting(homeward));
             }
@@ -402,6 +500,7 @@ impl<'a, const N: usize> Search<'a, N> {
     fn extend(&mut self, leg: &Stretch<'_, N>, node: usize, t0: f64, t1: f64) -> Vec<usize> {
         let Node { q, heading, .. } = self.nodes[node];
         let spectrum = self.arm.spectrum(&q);
+        self.pass(spectrum.smallest());
         let ways = self.ways(leg, &q, &spectrum, (t0, t1));
         let mut out = vec![];
         let mut stuck = false;
@@ -423,6 +522,12 @@ impl<'a, const N: usize> Search<'a, N> {
             }
         }
         out
+    }
+
+    /// Takes note of a measure on the way.
+    fn pass(&self, sigma: f64) {
+        let is_near = (LOCKED..PASSED).contains(&sigma);
+        self.passes_locks.set(self.passes_locks.get() || is_near);
     }
 
     fn blocked(&mut self, leg: &Stretch<'_, N>, at: &Furthest<N>) {
@@ -466,7 +571,7 @@ impl<'a, const N: usize> Search<'a, N> {
         way: &Way<N>,
     ) -> Option<usize> {
         let end = *knots.last()?;
-        if !way.is_lax() && !end.waits {
+        if way.fit == Fit::Exact && !end.waits {
             self.note_locks(parent, &knots);
         }
         let mut cost = self.nodes[parent].cost;
@@ -492,19 +597,26 @@ impl<'a, const N: usize> Search<'a, N> {
             let e = self.arm.error(&X, &self.arm.pose(&end.q));
             cost += 0.02 + 0.1 * self.excess(&e, &X);
         }
-        if leg.fan {
+        if leg.fans() {
             let spectrum = self.arm.spectrum(&end.q);
             let narrow = (1.0 - spectrum.smallest() / 0.1).max(0.0);
             cost += (end.t - leg.from_s).min(0.1) * 2.0 * (narrow * narrow);
             let away = spectrum.null_part(&(end.q - self.nodes[0].q)).norm();
             cost += AWAY * away.min(1.0) * (end.t - from_s);
         }
+        let is_locked = self.arm.spectrum(&end.q).smallest() < LOCKED;
+        let locked = if is_locked {
+            self.nodes[parent].locked + 1
+        } else {
+            0
+        };
         self.nodes.push(Node {
             parent: Some(parent),
             q: end.q,
             heading,
             cost,
             is_exact: !way.is_lax(),
+            locked,
             knots,
         });
         Some(self.nodes.len() - 1)
@@ -520,6 +632,7 @@ impl<'a, const N: usize> Search<'a, N> {
         let (mut found, mut falls) = (vec![], false);
         for knot in knots {
             let (now, by) = (sigma(&knot.q), knot.q - before.1);
+            self.pass(now);
             // σ changes by no more than a joint does. A lock is where it is least, at a knot or between two.
             if last + now < by.norm() {
                 let at = |x: f64| sigma(&(before.1 + by * (0.5 * (x + 1.0))));
@@ -638,23 +751,20 @@ impl<'a, const N: usize> Search<'a, N> {
         drift: &SVector<f64, N>,
         way: &Way<N>,
     ) -> Result<(SVector<f64, N>, SVector<f64, N>), Furthest<N>> {
-        let (X, lax) = ((leg.pose)(t + h), way.is_lax());
-        let (next, e) = self.arm.solve(&X, guess, drift, way.damping, SOLVED);
+        let X = (leg.pose)(t + h);
+        let (next, e) = self.arm.solve(&X, guess, drift, way.damping, way.enough());
         let dq = next - q;
         let blocked = |q, block| Err(Furthest { t, q, block });
+        let is_solved = self.fits(way.fit, &e, &X);
         // Off the path a route has kinks: there the spline needs points that lie closer.
-        let (is_solved, longest) = if lax {
-            (self.excess(&e, &X) < LEFT.0, STEP / 3.0)
-        } else {
-            (e.norm() < 1e-7, STEP)
-        };
+        let longest = if way.is_lax() { STEP / 3.0 } else { STEP };
         if !(is_solved && dq.amax() < longest) {
             return blocked(*q, Block::End);
         }
         if let Some(limit) = self.outside(&next, q) {
             return blocked(next, limit);
         }
-        match self.half_way(&(leg.pose)(t + 0.5 * h), q, &dq, lax) {
+        match self.half_way(&(leg.pose)(t + 0.5 * h), q, &dq, way) {
             Some(half) => Ok((next, half)),
             None => blocked(*q, Block::End),
         }
@@ -670,23 +780,41 @@ impl<'a, const N: usize> Search<'a, N> {
         self.arm.excess(e, &X.R, position_m, orientation_rad)
     }
 
+    /// Whether an error at a knot counts as none.
+    fn fits(&self, fit: Fit, e: &Vector6<f64>, X: &Pose) -> bool {
+        match fit {
+            Fit::Exact => e.norm() < 1e-7,
+            Fit::Plain => {
+                let Bounds {
+                    position_m,
+                    orientation_rad,
+                    ..
+                } = self.bounds;
+                let (m, rad) = (PLAIN.0 * position_m, PLAIN.0 * orientation_rad);
+                self.arm.excess(e, &X.R, m.min(PLAIN.1), rad.min(PLAIN.2)) < 1.0
+            }
+            Fit::Lax => self.excess(e, X) < LEFT.0,
+        }
+    }
+
     /// The posture half-way of a motion `dq` from `q`, at the pose `X`. A jump to another branch shows there: the posture is elsewhere, or there is none.
     fn half_way(
         &self,
         X: &Pose,
         q: &SVector<f64, N>,
         dq: &SVector<f64, N>,
-        lax: bool,
+        way: &Way<N>,
     ) -> Option<SVector<f64, N>> {
         let mean = q + dq * 0.5;
         let e = self.arm.error(X, &self.arm.pose(&mean));
-        if lax {
+        if way.is_lax() {
             return (self.excess(&e, X) < LEFT.1).then_some(mean);
         }
         let zero = SVector::zeros();
-        let (there, e_left) = self.arm.solve(X, &mean, &zero, 0.0, SOLVED);
-        (e.norm() < STRAIGHT
-            || e_left.norm() < 1e-7 && (there - mean).norm() < BEND * dq.norm() + 1e-6)
+        let (there, e_left) = self.arm.solve(X, &mean, &zero, way.damping, way.enough());
+        let is_smooth = (there - mean).norm() < BEND * dq.norm() + 1e-6;
+        (e.norm() < STRAIGHT && way.fit == Fit::Exact
+            || self.fits(way.fit, &e_left, X) && is_smooth)
             .then_some(there)
     }
 
@@ -749,18 +877,46 @@ impl<'a, const N: usize> Search<'a, N> {
         ((at - q).amax() <= STEP && !self.is_spent(1.0)).then_some(knots)
     }
 
+    /// The lock beside a posture, where the deviation allowed from the pose `path` leads into it; the posture itself where it does not.
+    fn lock_beside(&self, q: &SVector<f64, N>, path: &Pose) -> SVector<f64, N> {
+        let sigma = |q: &SVector<f64, N>| self.arm.spectrum(q).smallest();
+        let (mut there, mut now) = (*q, sigma(q));
+        if !(LOCKED..BESIDE_LOCK).contains(&now) {
+            return *q;
+        }
+        self.spent.set(self.spent.get() + 20);
+        const STEP: f64 = 1e-5;
+        for _ in 0..4 {
+            let gradient = SVector::<f64, N>::from_fn(|i, _| {
+                let mut beside = there;
+                beside[i] += STEP;
+                (sigma(&beside) - now) / STEP
+            });
+            there -= gradient * (now / gradient.norm_squared().max(1e-6));
+            now = sigma(&there);
+            if now < 0.1 * LOCKED {
+                break;
+            }
+        }
+        let e = self.arm.error(path, &self.arm.pose(&there));
+        let is_allowed =
+            now < LOCKED && self.excess(&e, path) < LEFT.0 && self.outside(&there, q).is_none();
+        if is_allowed { there } else { *q }
+    }
+
     /// Postures of the same pose, reached by self-motion while the path waits.
     fn waits(&mut self, leg: &Stretch<'_, N>, node: usize, t: f64, at_start: bool) -> Vec<usize> {
-        let q = self.nodes[node].q;
+        let path = (leg.pose)(t);
+        let q = self.lock_beside(&self.nodes[node].q, &path);
         let spectrum = self.arm.spectrum(&q);
-        let X = (leg.pose)(t);
+        let X = self.arm.pose(&q);
         let mut directions: Vec<SVector<f64, N>> = vec![];
         let locked: Vec<_> = (spectrum.free..N)
             .filter(|k| spectrum.sigma[*k] < LOCKED)
             .map(|k| spectrum.v[k])
             .collect();
         match locked[..] {
-            [] if leg.fan && at_start => directions.extend(spectrum.spare()),
+            [] if leg.fans() && at_start => directions.extend(spectrum.spare()),
             [] => {}
             [v] => directions.push(v),
             [a, b, ..] => {
@@ -781,7 +937,7 @@ impl<'a, const N: usize> Search<'a, N> {
         }
         // Where the path goes on to: a posture is left there only along what it can move.
         let soon = (leg.pose)((t + 0.02 * leg.duration_s).min(leg.duration_s));
-        let onwards = self.arm.error(&soon, &X);
+        let onwards = self.arm.error(&soon, &path);
         let onwards = if onwards.norm() > 1e-9 {
             onwards.normalize()
         } else {
@@ -790,7 +946,15 @@ impl<'a, const N: usize> Search<'a, N> {
         let mut out = vec![];
         for v in directions {
             for v in [v, -v] {
-                out.extend(self.self_motion(leg, (node, v), (t, &X), &onwards, locked.is_empty()));
+                let from = AtRest {
+                    node,
+                    q,
+                    v,
+                    X: &X,
+                    onwards: &onwards,
+                    every: locked.is_empty(),
+                };
+                out.extend(self.self_motion(leg, &from, t));
             }
         }
         out

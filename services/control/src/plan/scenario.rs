@@ -1,81 +1,205 @@
 //! The path plan of a scenario: made when a controller is, put into words where there is none (+).
 
+use crate::limits::clock::MARGIN;
+use crate::plan::request::analyse;
 use crate::plan::schedule::SLOWEST;
 use crate::plan::{Infeasible, Obstacle, PathPlan, Remedy, Request, plan, remedy};
 use crate::reference::path::Path;
 use crate::reference::turn::{self, Room};
+use crate::setup::{SetupError, posture_goals, start_posture};
 use crate::singularity::analyzer::Analyzer;
 use crate::singularity::turning::turning;
 use crate::types::Report;
-use model::{Joint, JointKind, Model, Robot};
+use model::{Joint, JointKind, Model, Refused, Robot};
 use nalgebra::SVector;
-use shared_types::scenario::{Goal, Scenario};
+use shared_types::scenario::{Goal, Scenario, Start};
 
-/// The plan of the whole path, where the law uses one: under our own laws with the governor on.
-///
-/// # Errors
-/// Why the path cannot be followed, in words: a joint limit in the way of every route, or a path beyond reach between reachable ends.
-pub(crate) fn route_ahead<const N: usize>(
-    model: &Model<N>,
-    robot: &Robot,
-    scenario: &Scenario,
-    path: &Path,
-    analyzer: &Analyzer<N>,
-    q_start: &SVector<f64, N>,
-    postures: &[SVector<f64, N>],
-) -> Result<Option<PathPlan<N>>, String> {
-    let control = &scenario.control;
-    let ours = control.strategy.is_ours();
-    if !ours || !control.governor || robot.task.count() > N || scenario.servo.is_some() {
-        return Ok(None);
-    }
-    let commanded: Vec<_> = scenario
-        .segment
-        .iter()
-        .zip(postures)
-        .map(|(leg, q)| leg.posture().map(|_| *q))
-        .collect();
-    let turned = |q: &SVector<f64, N>, report: &Report<N>, place: usize, angle: f64| {
-        let s = report.listed().get(place)?;
-        let motion = |angle: f64| turning(analyzer.family(), model, q, s, angle);
-        turn::plan(s, angle, 1.0, &Room { q, model, control }, motion)
-            .ok()
-            .map(|turn| turn.by)
-    };
-    let request = Request {
-        model,
-        path,
-        q_start: *q_start,
-        postures: &commanded,
-        analyzer,
-        turning: &turned,
-        task: robot.task.0,
-        length_m: robot.length_m,
-        rate_max: &control.aux_rate_max,
-        position_m: scenario.goal.path_mm * 1e-3,
-        orientation_rad: scenario.goal.path_deg.to_radians(),
-    };
-    if let Some(why) = too_heavy(model, robot, q_start, "in its start posture") {
-        return Err(why + ": start in a posture that takes less torque");
-    }
-    let plan = plan(&request)
-        .map_err(|error| words(robot, &error) + &help(robot, scenario, remedy(&request)))?;
-    let (segment, fastest) = plan.fastest(&request.velocity());
-    if fastest < SLOWEST {
-        return Err(format!(
-            "segment {segment} is too short: at the speeds of the joints it takes at least {:.0} times its duration",
-            1.0 / fastest
-        ));
-    }
-    let heavy = plan
-        .postures()
-        .find_map(|(t, q)| too_heavy(model, robot, q, &format!("at {t:.2} s of its path")));
-    heavy.map_or(Ok(Some(plan)), |why| {
-        Err(why + ": lead the path nearer to the base, or start in another posture")
-    })
+/// Distance from a joint limit from which a path may start, rad (m): many times the noise of an encoder, and of the tracking.
+const START_CLEAR: f64 = 1e-3;
+
+/// What a plan is made of.
+#[derive(Clone, Copy)]
+pub(crate) struct Task<'a, const N: usize> {
+    pub(crate) model: &'a Model<N>,
+    pub(crate) robot: &'a Robot,
+    pub(crate) scenario: &'a Scenario,
+    pub(crate) path: &'a Path,
+    pub(crate) analyzer: &'a Analyzer<N>,
+    pub(crate) q_start: &'a SVector<f64, N>,
+    /// Posture goals of the segments, rad.
+    pub(crate) postures: &'a [SVector<f64, N>],
 }
 
-/// A joint whose torque limit does not hold the arm against gravity, in words.
+impl<const N: usize> Task<'_, N> {
+    /// Whether the law follows a plan: under our own laws with the governor on.
+    fn is_planned(&self) -> bool {
+        let control = &self.scenario.control;
+        let is_ours = control.strategy.is_ours() && self.scenario.servo.is_none();
+        is_ours && control.governor && self.robot.task.count() <= N
+    }
+
+    /// Calls `then` with the request for this task's plan.
+    fn request<T>(&self, then: impl FnOnce(&Request<'_, N>) -> T) -> T {
+        let Self {
+            model,
+            robot,
+            scenario,
+            path,
+            analyzer,
+            ..
+        } = *self;
+        let control = &scenario.control;
+        let legs = scenario.segment.iter().zip(self.postures);
+        let commanded: Vec<_> = legs.map(|(leg, q)| leg.posture().map(|_| *q)).collect();
+        let turned = |q: &SVector<f64, N>, report: &Report<N>, place: usize, angle: f64| {
+            let s = report.listed().get(place)?;
+            let motion = |angle: f64| turning(analyzer.family(), model, q, s, angle);
+            turn::plan(s, angle, 1.0, &Room { q, model, control }, motion)
+                .ok()
+                .map(|turn| turn.by)
+        };
+        then(&Request {
+            model,
+            path,
+            q_start: *self.q_start,
+            postures: &commanded,
+            analyzer,
+            turning: &turned,
+            task: robot.task.0,
+            length_m: robot.length_m,
+            rate_max: &control.aux_rate_max,
+            position_m: scenario.goal.path_mm * 1e-3,
+            orientation_rad: scenario.goal.path_deg.to_radians(),
+        })
+    }
+
+    /// The plan of the whole path, where the law uses one.
+    ///
+    /// # Errors
+    /// Why the path cannot be followed, in words: a joint limit in the way of every route, a torque limit, or a path beyond reach between reachable ends.
+    pub(crate) fn route_ahead(&self) -> Result<Option<PathPlan<N>>, String> {
+        let Self { model, robot, .. } = *self;
+        if !self.is_planned() {
+            return Ok(None);
+        }
+        if let Some(why) = too_heavy(model, robot, self.q_start, "in its start posture") {
+            return Err(why + ": start in a posture that takes less torque");
+        }
+        if let Some(why) = too_near(robot, self.q_start) {
+            return Err(why);
+        }
+        let (found, velocity) = self.request(|request| (plan(request), request.velocity()));
+        let plan = found.map_err(|error| words(robot, &error))?;
+        let (segment, fastest) = plan.fastest(&velocity);
+        if fastest < SLOWEST {
+            return Err(format!(
+                "segment {segment} is too short: at the speeds of the joints it takes at least {:.0} times its duration",
+                1.0 / fastest
+            ));
+        }
+        let heavy = plan
+            .postures()
+            .find_map(|(t, q)| too_heavy(model, robot, q, &format!("at {t:.2} s of its path")));
+        heavy.map_or(Ok(Some(plan)), |why| {
+            Err(why + ": lead the path nearer to the base, or start in another posture")
+        })
+    }
+}
+
+/// Advice for a scenario that a controller refuses, as a clause: a change of its start or of its goal with which `succeeds` has seen it reach its end.
+/// Empty where the law makes no plan.
+///
+/// # Errors
+/// [`Refused`] if the scenario does not fit the robot.
+pub fn advice(
+    robot: &Robot,
+    scenario: &Scenario,
+    succeeds: &mut dyn FnMut(&Scenario) -> bool,
+) -> Result<String, Refused> {
+    model::with_dof!(robot.dof(), N => advised::<N>(robot, scenario, succeeds).map_err(Refused::because))
+        .unwrap_or_else(|| Err(Refused::size(robot)))
+}
+
+fn advised<const N: usize>(
+    robot: &Robot,
+    scenario: &Scenario,
+    succeeds: &mut dyn FnMut(&Scenario) -> bool,
+) -> Result<String, SetupError> {
+    let model = Model::<N>::new(robot, scenario.frame())?;
+    let q_start = start_posture(robot, scenario)?;
+    let postures = posture_goals(robot, scenario, &q_start)?;
+    let analyzer = Analyzer::new(robot, &scenario.analysis);
+    let report = analyse(&mut analyzer.clone(), &model, &q_start);
+    let path = Path::new(scenario, &report)?;
+    let task = Task {
+        model: &model,
+        robot,
+        scenario,
+        path: &path,
+        analyzer: &analyzer,
+        q_start: &q_start,
+        postures: &postures,
+    };
+    if !task.is_planned() {
+        return Ok(String::new());
+    }
+    let mut helps = |remedy: &Remedy<N>| succeeds(&changed(robot, scenario, remedy));
+    let found = task.request(|request| remedy(request, &mut helps));
+    Ok(help(robot, scenario, found))
+}
+
+/// The scenario with a remedy, rounded as it is printed.
+fn changed<const N: usize>(robot: &Robot, scenario: &Scenario, remedy: &Remedy<N>) -> Scenario {
+    let mut scenario = scenario.clone();
+    match remedy {
+        Remedy::Start(q) => scenario.start = start(robot, q),
+        Remedy::Allow(position_m, orientation_rad) => {
+            let round = |x: f64, unit: f64| (x / unit).round() * unit;
+            scenario.goal.path_mm = round(position_m * 1e3, 1.0);
+            scenario.goal.path_deg = round(orientation_rad.to_degrees(), 0.1);
+        }
+    }
+    scenario
+}
+
+/// A posture as a scenario states it, rounded.
+fn start<const N: usize>(robot: &Robot, q: &SVector<f64, N>) -> Start {
+    let slides = robot
+        .joints
+        .iter()
+        .any(|joint| joint.kind == JointKind::Prismatic);
+    let rounded = |unit: f64| {
+        let values = q.iter().take(robot.dof());
+        Some(values.map(|q| (q / unit * 1e4).round() * 1e-4).collect())
+    };
+    if slides {
+        Start {
+            q: rounded(1.0),
+            ..Start::default()
+        }
+    } else {
+        Start {
+            q_deg: rounded(1f64.to_radians()),
+            ..Start::default()
+        }
+    }
+}
+
+/// A joint that begins so near to its limit that noise takes it beyond, in words.
+fn too_near<const N: usize>(robot: &Robot, q: &SVector<f64, N>) -> Option<String> {
+    let room = |i: usize| (q[i] - robot.joints[i].lower).min(robot.joints[i].upper - q[i]);
+    let joint = (0..robot.dof()).find(|i| room(*i) < START_CLEAR)?;
+    let Joint { name, kind, .. } = &robot.joints[joint];
+    let [unit, _] = kind.units();
+    Some(format!(
+        "joint {} ({name}) starts {:.3}{unit} from its limit, where noise takes it beyond: start at least {:.3}{unit} from it",
+        joint + 1,
+        kind.shown(room(joint)),
+        kind.shown(START_CLEAR)
+    ))
+}
+
+/// A joint whose torque limit does not hold the arm against gravity with a margin to move it, in words.
 fn too_heavy<const N: usize>(
     model: &Model<N>,
     robot: &Robot,
@@ -83,7 +207,7 @@ fn too_heavy<const N: usize>(
     place: &str,
 ) -> Option<String> {
     let gravity = model.gravity(q);
-    let joint = (0..robot.dof()).find(|i| gravity[*i].abs() > model.effort()[*i])?;
+    let joint = (0..robot.dof()).find(|i| gravity[*i].abs() > MARGIN * model.effort()[*i])?;
     let [_, unit] = robot.joints[joint].kind.units();
     let (name, needed, limit) = (
         &robot.joints[joint].name,
@@ -91,8 +215,11 @@ fn too_heavy<const N: usize>(
         model.effort()[joint],
     );
     Some(format!(
-        "the arm cannot be held {place}: joint {} ({name}) needs {needed:.1} {unit} and has {limit:.1} {unit}",
-        joint + 1
+        "the arm cannot be held and moved {place}: joint {} ({name}) needs {needed:.1} {unit} against gravity, {:.1} % of its limit of {limit:.1} {unit}, \
+         and the law keeps {:.0} % of it for moving the arm",
+        joint + 1,
+        100.0 * needed / limit,
+        100.0 * (1.0 - MARGIN)
     ))
 }
 
@@ -106,7 +233,7 @@ fn words(robot: &Robot, infeasible: &Infeasible) -> String {
     let (found, tried) = if *is_exhausted {
         ("no route", "")
     } else {
-        ("no route found within the budget", " that the search tried")
+        ("no route found", " that the search tried")
     };
     let reason = match obstacle {
         Obstacle::Limit { joint, limit } => {
@@ -125,25 +252,21 @@ fn words(robot: &Robot, infeasible: &Infeasible) -> String {
     format!("{found} from this start posture: at {time_s:.2} s (segment {leg}) {reason}")
 }
 
-/// The remedy, as far as it is known.
+/// A remedy, as a clause.
 fn help<const N: usize>(robot: &Robot, scenario: &Scenario, remedy: Option<Remedy<N>>) -> String {
     match remedy {
         Some(Remedy::Start(q)) => {
-            let slides = |joint: &Joint| joint.kind == JointKind::Prismatic;
-            let (key, q) = if robot.joints.iter().any(slides) {
-                ("q", q)
-            } else {
-                ("q_deg", q.map(f64::to_degrees))
-            };
-            let list: Vec<_> = q.iter().take(robot.dof()).collect();
+            let Start { q, q_deg, .. } = start(robot, &q);
+            let (key, list) = q.map_or(("q_deg", q_deg), |q| ("q", Some(q)));
             format!(
-                "; it can be followed from another posture of the same pose: [start] {key} = {list:.4?}"
+                "; it was followed from another posture of the same pose: [start] {key} = {:.4?}",
+                list.unwrap_or_default()
             )
         }
         Some(Remedy::Allow(position_m, orientation_rad)) => {
             let (mm, deg) = (position_m * 1e3, orientation_rad.to_degrees());
             format!(
-                "; it can be followed where more deviation is allowed: [goal] path_mm = {mm:.0}, path_deg = {deg:.1}"
+                "; it was followed with more deviation: [goal] path_mm = {mm:.0}, path_deg = {deg:.1}"
             )
         }
         None => {

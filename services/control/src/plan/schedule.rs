@@ -1,21 +1,27 @@
 //! A route with its own clock: when the path waits, and how fast it may go (+).
 
-use super::kinematics::{Kinematics, SOLVED, lowest, slowest};
+use super::kinematics::{Kinematics, lowest, slowest};
 use super::request::{Request, analyse, centre};
 use super::route::{Knot, SPEED};
 use crate::limits::clock;
 use crate::reference::path::Progress;
+use crate::types::Report;
 use model::Pose;
 use nalgebra::SVector;
 
 /// Share of the torque limits that slowing the clock down may take.
 const BRAKE: f64 = 0.175;
+/// Share of the torque rates that following the path may take, and the share of a torque that bends may take where a way counts as straight.
+const RATE: f64 = 0.5;
+const STRAIGHT: f64 = 0.25;
 /// Most that the clock slows down by, 1/s: what it follows with its lag.
 const HARDEST: f64 = 10.0;
 /// Slowest clock that is planned.
 pub(super) const SLOWEST: f64 = 0.005;
 /// Fastest joint of a self-motion, rad/s.
 const TURNING: f64 = 2.0;
+/// Share of the torque beside what holds the arm that it may take.
+const TURNING_TORQUE: f64 = 0.5;
 /// Knots of a self-motion.
 const PIECES: u32 = 24;
 /// σ below which a knot is singular enough for the path to wait there.
@@ -33,6 +39,19 @@ struct Point<const N: usize> {
     slope: SVector<f64, N>,
     /// Fastest clock here for which what follows can still be braked for.
     speed: f64,
+}
+
+/// A motion q(s) between two points, s the fraction of a leg's way.
+struct Way<const N: usize> {
+    leg: usize,
+    /// Δs.
+    length: f64,
+    /// q′.
+    slope: SVector<f64, N>,
+    /// ṡ and s̈ at both ends.
+    law: [(f64, f64); 2],
+    /// s⃛ between them.
+    jerk: f64,
 }
 
 /// Postures for the path, and the clock that runs along them.
@@ -108,29 +127,13 @@ impl<const N: usize> PathPlan<N> {
     }
 
     fn limit_speed(&mut self, request: &Request<'_, N>, stops: &[usize]) {
-        let (velocity, effort) = (request.velocity(), *request.model.effort());
         let mut analyzer = request.analyzer.clone();
         for i in 0..self.points.len() {
-            let Point { q, slope, u, .. } = self.points[i];
+            let q = self.points[i].q;
             let report = analyse(&mut analyzer, request.model, &q);
-            let mean = self
-                .points
-                .get(i + 1)
-                .map_or(slope, |next| (next.q - q) / (next.u - u));
-            let mut share = 0.0_f64;
-            for rate in [slope, mean] {
-                share = share.max(slowest(&rate, &velocity));
-                for s in report.listed().iter().filter(|s| s.s.abs() < s.eta_out) {
-                    share =
-                        share.max(s.aux_row.dot(&rate).abs() / request.rate_max.of(s.kind.code()));
-                }
-            }
-            let mut speed = SPEED / share.max(1e-9);
-            // In a neighbourhood the law does not follow the route's every corner.
-            let is_regular = report.listed().iter().all(|s| s.s.abs() >= s.eta_out);
-            if let Some(next) = self.points.get(i + 1).filter(|_| is_regular) {
-                speed = speed.min(self.by_torque(request, &self.points[i], next));
-            }
+            let speed = self
+                .by_speed(request, i, &report)
+                .min(self.by_torque(request, i, &report));
             self.points[i].speed = speed.clamp(SLOWEST, 1.0);
         }
         for stop in stops {
@@ -138,13 +141,37 @@ impl<const N: usize> PathPlan<N> {
         }
         for i in (0..self.points.len().saturating_sub(1)).rev() {
             let (here, next) = (self.points[i], self.points[i + 1]);
-            let push = request.model.mass_matrix(&here.q) * here.slope;
-            let hardest = (0..N).fold(HARDEST, |hardest, j| {
-                hardest.min(BRAKE * effort[j] / push[j].abs().max(1e-9))
-            });
+            let hardest = HARDEST.min(self.hardest(request, i));
             let bound = (next.speed * next.speed + 2.0 * hardest * (next.u - here.u)).sqrt();
             self.points[i].speed = here.speed.min(bound);
         }
+    }
+
+    /// Hardest change of the clock's speed at a point for which there is torque, 1/s.
+    fn hardest(&self, request: &Request<'_, N>, i: usize) -> f64 {
+        let Point { q, slope, .. } = self.points[i];
+        let (effort, gravity) = (request.model.effort(), request.model.gravity(&q));
+        let push = request.model.mass_matrix(&q) * slope;
+        (0..N).fold(f64::INFINITY, |hardest, j| {
+            let torque = BRAKE * effort[j].min(2.0 * clock::room(effort[j], gravity[j]));
+            hardest.min(torque / push[j].abs().max(1e-9))
+        })
+    }
+
+    /// Fastest clock at which the joints and the auxiliary coordinates keep their speeds from one point to the next.
+    fn by_speed(&self, request: &Request<'_, N>, i: usize, report: &Report<N>) -> f64 {
+        let (Point { q, slope, u, .. }, velocity) = (self.points[i], request.velocity());
+        let next = self.points.get(i + 1);
+        let mean = next.map_or(slope, |next| (next.q - q) / (next.u - u));
+        let mut share = 0.0_f64;
+        for rate in [slope, mean] {
+            share = share.max(slowest(&rate, &velocity));
+            for s in report.listed().iter().filter(|s| s.s.abs() < s.eta_out) {
+                let most = request.rate_max.of(s.kind.code());
+                share = share.max(s.aux_row.dot(&rate).abs() / most);
+            }
+        }
+        SPEED / share.max(1e-9)
     }
 
     /// How long the route takes at full speed, s.
@@ -195,10 +222,55 @@ impl<const N: usize> PathPlan<N> {
         leg.checked_sub(1).map_or(0.0, |before| self.ends[before])
     }
 
-    /// Fastest clock at which the torques follow the time law of a leg from one point to the next.
+    /// Fastest clock at which the torques, and their rates, follow the time law of a leg from one point to the next.
     ///
-    /// At the clock's speed r a leg of the time law s(t) takes the torque r²·M·dq/ds·s̈ beside what holds the arm and what its bends take.
-    fn by_torque(&self, request: &Request<'_, N>, from: &Point<N>, to: &Point<N>) -> f64 {
+    /// At the clock's speed r, a leg of the time law s(t) along q(s) takes the torque r²·[M·(q′·s̈ + q″·ṡ²) + c(q, q′·ṡ)] beside what holds the arm, and
+    /// changes it by r³·M·q′·s⃛ where q(s) is straight; where it bends, as out of a fold, the other terms of the derivative take most of this one back. In a
+    /// neighbourhood the law does not follow the route's every corner: there the smaller torque counts of those with q″ and without.
+    fn by_torque(&self, request: &Request<'_, N>, i: usize, report: &Report<N>) -> f64 {
+        let Some(way) = self.way(request, i) else {
+            return f64::INFINITY;
+        };
+        let (from, model) = (&self.points[i], request.model);
+        let is_regular = report.listed().iter().all(|s| s.s.abs() >= s.eta_out);
+        let before = i
+            .checked_sub(1)
+            .and_then(|before| self.way(request, before));
+        let before = before.filter(|before| before.leg == way.leg);
+        let bend = before.map_or_else(SVector::zeros, |before| {
+            (way.slope - before.slope) / (0.5 * (way.length + before.length).abs())
+        });
+        let (A, gravity) = (model.mass_matrix(&from.q), model.gravity(&from.q));
+        let (straight, bends) = (A * way.slope, A * bend);
+        let counted = |straight: f64, bend: f64| {
+            let whole = (straight + bend).abs();
+            if is_regular {
+                whole
+            } else {
+                whole.min(straight.abs())
+            }
+        };
+        let (effort, torque_rate) = (model.effort(), model.torque_rate());
+        let mut fastest = f64::INFINITY;
+        for (v, a) in way.law {
+            let coriolis = model.bias(&from.q, &(way.slope * v)) - gravity;
+            for j in 0..N {
+                let torque = counted(straight[j] * a + coriolis[j], bends[j] * v * v);
+                let room = clock::room(effort[j], gravity[j]);
+                fastest = fastest.min((room / torque.max(1e-9)).sqrt());
+                if (bends[j] * v * v).abs() <= STRAIGHT * (straight[j] * a).abs() {
+                    let change = (straight[j] * way.jerk).abs();
+                    let clock = libm::cbrt(RATE * torque_rate[j] / change.max(1e-9));
+                    fastest = fastest.min(clock);
+                }
+            }
+        }
+        fastest
+    }
+
+    /// The way from a point to the next as a function of a leg's time law; `None` where the path rests.
+    fn way(&self, request: &Request<'_, N>, i: usize) -> Option<Way<N>> {
+        let (from, to) = (self.points.get(i)?, self.points.get(i + 1)?);
         let leg = self.leg_between(from, to);
         let law = |t: f64| {
             let time_s = t - self.begins(leg);
@@ -208,16 +280,14 @@ impl<const N: usize> PathPlan<N> {
                 ..Progress::at(Pose::identity())
             })
         };
-        let ([s, _, a], [s_next, _, a_next]) = (law(from.t), law(to.t));
-        if (s_next - s).abs() < 1e-9 {
-            return f64::INFINITY;
-        }
-        let rate = (to.q - from.q) * (a.abs().max(a_next.abs()) / (s_next - s));
-        let following = request.model.mass_matrix(&from.q) * rate;
-        let (gravity, effort) = (request.model.gravity(&from.q), request.model.effort());
-        (0..N).fold(f64::INFINITY, |fastest, i| {
-            let room = clock::room(effort[i], gravity[i]);
-            fastest.min((room / following[i].abs().max(1e-9)).sqrt())
+        let [[s, v, a], [s_next, v_next, a_next]] = [law(from.t), law(to.t)];
+        let length = s_next - s;
+        (length.abs() > 1e-9).then(|| Way {
+            leg,
+            length,
+            slope: (to.q - from.q) / length,
+            law: [(v, a), (v_next, a_next)],
+            jerk: (a_next - a) / (to.t - from.t),
         })
     }
 
@@ -389,25 +459,48 @@ fn self_motion<const N: usize>(
         .map(|pair| slowest(&(pair[1] - pair[0]), &speeds))
         .collect();
     let whole: f64 = lengths.iter().sum();
-    let T = (1.875 * whole).max(0.1);
-    let X = arm.pose(&from.q);
+    let T = (1.875 * whole)
+        .max(0.1)
+        .max((5.774 * whole * inertia(request, way, &lengths)).sqrt());
+    // The first part may lead into a lock beside the path: from there on the pose rests.
+    let X = arm.pose(&way[way.len() - 1]);
+    let is_still = arm.error(&X, &arm.pose(&from.q)).norm() < 1e-5;
     let piece = |k: u32| {
         let time = f64::from(k) / f64::from(PIECES);
         let mut left = whole * crate::reference::path::quintic(time, 1.0)[0];
-        let mut q = way[way.len() - 1];
-        for (pair, length) in way.windows(2).zip(&lengths) {
+        let (mut q, mut is_beside) = (way[way.len() - 1], false);
+        for (part, (pair, length)) in way.windows(2).zip(&lengths).enumerate() {
             if left <= *length {
                 q = pair[0] + (pair[1] - pair[0]) * (left / length.max(1e-12));
+                is_beside = part == 0 && !is_still;
                 break;
             }
             left -= length;
         }
-        (
-            from.u + T * time,
-            arm.solve(&X, &q, &SVector::zeros(), 0.0, SOLVED).0,
-        )
+        if !is_beside {
+            q = arm.at_rest(&X, &q).0;
+        }
+        (from.u + T * time, q)
     };
     (1..=PIECES).map(piece).collect()
+}
+
+/// Torque of a self-motion along `way` over what there is for it, per acceleration along the way, whose parts take `lengths` at full speed, s; s.
+fn inertia<const N: usize>(
+    request: &Request<'_, N>,
+    way: &[SVector<f64, N>],
+    lengths: &[f64],
+) -> f64 {
+    let model = request.model;
+    let (A, gravity) = (model.mass_matrix(&way[0]), model.gravity(&way[0]));
+    let room = model.effort().zip_map(&gravity, |effort, gravity| {
+        TURNING_TORQUE * clock::room(effort, gravity)
+    });
+    way.windows(2)
+        .zip(lengths)
+        .fold(0.0, |time, (pair, length)| {
+            time.max(slowest(&(A * (pair[1] - pair[0])), &room) / length.max(1e-9))
+        })
 }
 
 /// Times at which a route is nearest to a singular posture.

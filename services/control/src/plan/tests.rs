@@ -7,12 +7,27 @@ use crate::testing::robot;
 use model::Robot;
 use shared_types::scenario::Scenario;
 
-/// A line from a posture to a pose is one leg; the postures of its route have the path's poses, within the limits, and do not jump.
+/// A line from a posture to a pose; see [`assert_followed`].
 fn assert_planned<const N: usize>(name: &str, [q_rad, to_m, rotation]: [&str; 3], duration_s: f64) {
+    let segment = format!("to_m = {to_m}\nrotation = {rotation}");
+    assert_followed::<N>(name, q_rad, &segment, duration_s);
+}
+
+fn task(name: &str, q_rad: &str, segment: &str, duration_s: f64) -> Scenario {
     let text = format!(
-        "name = \"line\"\nrobot = \"{name}\"\n[start]\nq = {q_rad}\n[[segment]]\nto_m = {to_m}\nrotation = {rotation}\nduration_s = {duration_s}\n"
+        "name = \"line\"\nrobot = \"{name}\"\n[start]\nq = {q_rad}\n[[segment]]\n{segment}\nduration_s = {duration_s}\n"
     );
-    let scenario = Scenario::parse("line.toml", &text, &[]).unwrap();
+    Scenario::parse("line.toml", &text, &[]).unwrap()
+}
+
+/// A segment is one leg; the postures of its route have the path's poses, within the limits, and do not jump. Returns the plan.
+fn assert_followed<const N: usize>(
+    name: &str,
+    q_rad: &str,
+    segment: &str,
+    duration_s: f64,
+) -> PathPlan<N> {
+    let scenario = task(name, q_rad, segment, duration_s);
     let robot = Robot::builtin(name).unwrap();
     let model = Model::<N>::new(&robot, None).unwrap();
     let q_start = crate::start_posture::<N>(&robot, &scenario).unwrap();
@@ -58,6 +73,93 @@ fn assert_planned<const N: usize>(name: &str, [q_rad, to_m, rotation]: [&str; 3]
         worst[0] < 2.5 && worst[1] < 0.8 && worst[2] < 0.5,
         "{worst:?}"
     );
+    plan
+}
+
+/// The last joint turns, or the arm moves in its plane, while the wrist's lost direction is not needed: the path stays in the lock, or beside it, and the
+/// arm has nothing to wait for.
+#[test]
+fn a_path_that_stays_in_a_lock_is_followed_at_once() {
+    const ROLL: &str = "rotation = [[-0.2960020074919586, -0.12192667672380783, 0.9473735784070706], \
+                        [0.6486010047909772, 0.7024488147603513, 0.2930569897236919], \
+                        [-0.7012129121350126, 0.7012129121350128, -0.12884449429552466]]";
+    for q5 in [0.0, 1e-6, -1e-6] {
+        for (name, q, segment) in [
+            (
+                "puma560",
+                "[0.3, -0.9, 2.6, 0.0, Q5, 0.0]",
+                "by_m = [0.0, 0.0, 0.1]",
+            ),
+            (
+                "ur5",
+                "[0.3, -1.2, 1.6, -1.0, Q5, 0.2]",
+                "by_m = [0.0, 0.0, 0.1]",
+            ),
+            ("puma560", "[0.3, -0.9, 2.6, 0.0, Q5, 0.0]", ROLL),
+        ] {
+            let q = q.replace("Q5", &q5.to_string());
+            let plan = assert_followed::<6>(name, &q, segment, 2.0);
+            assert!(plan.duration_s() < 3.5, "{name} {q}: {}", plan.duration_s());
+        }
+    }
+}
+
+/// A short turn asks for more torque than there is, were the clock not slowed down for it.
+#[test]
+fn the_clock_of_a_plan_leaves_the_torque_within_its_limits() {
+    let turn = "turn = { about = \"x\", by_deg = 10 }";
+    let plan = assert_followed::<6>("puma560", "[0.35, -1.05, 2.97, 0.0, 0.0, 0.0]", turn, 0.05);
+    let model = Model::<6>::new(robot("puma560"), None).unwrap();
+    let (mut slowest, step) = (1.0_f64, 1e-3);
+    let times = (plan.duration_s() / step) as usize;
+    for k in 1..times {
+        let u = step * k as f64;
+        let (before, now, after) = (plan.at(u - step), plan.at(u), plan.at(u + step));
+        let clock = plan.speed(u, u);
+        slowest = slowest.min(clock);
+        let bend = (after.dq - before.dq) / (2.0 * step);
+        let tau = model.gravity(&now.q) + model.mass_matrix(&now.q) * bend * (clock * clock);
+        for i in 0..6 {
+            assert!(
+                tau[i].abs() < model.effort()[i],
+                "joint {i} at {u}: {} of {}",
+                tau[i],
+                model.effort()[i]
+            );
+        }
+    }
+    assert!(slowest < 0.9, "{slowest}");
+}
+
+/// Advice is given only for what has been seen to succeed, as it is printed.
+#[test]
+fn advice_is_tried_as_it_is_printed() {
+    let line = "by_m = [0.0, 0.0, -0.5]";
+    let scenario = task("puma560", "[0.3, -0.9, 2.6, 0.3, 0.7, 2.0]", line, 2.0);
+    let puma = robot("puma560");
+    let model = Model::<6>::new(puma, None).unwrap();
+    let pose = |scenario: &Scenario| {
+        let q = crate::start_posture::<6>(puma, scenario).unwrap();
+        model.forward_kinematics(&q)
+    };
+    let mut tried = vec![];
+    let mut fails = |changed: &Scenario| {
+        tried.push(changed.clone());
+        false
+    };
+    scenario::advice(puma, &scenario, &mut fails).unwrap();
+    assert!(!tried.is_empty());
+    for changed in &tried {
+        let by = pose(changed).p - pose(&scenario).p;
+        assert!(by.norm() < 1e-5, "the start pose stays: {by}");
+        let is_changed = changed.start != scenario.start || changed.goal != scenario.goal;
+        assert!(is_changed && changed.segment == scenario.segment);
+        let deg = changed.start.q_deg.iter().flatten();
+        assert!(
+            deg.into_iter()
+                .all(|deg| (deg * 1e4 - (deg * 1e4).round()).abs() < 1e-6)
+        );
+    }
 }
 
 /// Elbow and wrist are locked at the start, with one direction lost: the self-motion folds the arm and stretches it again, and there the lost direction

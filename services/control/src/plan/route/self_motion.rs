@@ -11,17 +11,19 @@ const STRIDE: f64 = 0.1;
 const STRIDES: u32 = 130;
 
 /// A self-motion at one pose.
-struct AtRest<'a, const N: usize> {
-    /// The node it starts from.
-    node: usize,
+pub(super) struct AtRest<'a, const N: usize> {
+    /// The node it follows on.
+    pub(super) node: usize,
+    /// The posture it starts from: the node's, or the lock beside it.
+    pub(super) q: SVector<f64, N>,
     /// Direction of the joints' motion.
-    v: SVector<f64, N>,
+    pub(super) v: SVector<f64, N>,
     /// The pose of C, which rests.
-    X: &'a Pose,
+    pub(super) X: &'a Pose,
     /// Where the path goes on to, as a unit task displacement.
-    onwards: &'a Vector6<f64>,
+    pub(super) onwards: &'a Vector6<f64>,
     /// Whether every second posture may be left along the path, or only those where the lost direction allows it.
-    every: bool,
+    pub(super) every: bool,
 }
 
 impl<const N: usize> Search<'_, N> {
@@ -40,29 +42,29 @@ impl<const N: usize> Search<'_, N> {
 
     /// The postures that a self-motion leads to, as nodes that follow on the one it starts from.
     ///
-    /// `v` is the direction in which the joints begin to move from `node`, `t` the time within the leg, s, at which C rests at `X`.
+    /// `t` is the time within the leg, s, at which C rests.
     pub(super) fn self_motion(
         &mut self,
         leg: &Stretch<'_, N>,
-        (node, v): (usize, SVector<f64, N>),
-        (t, X): (f64, &Pose),
-        onwards: &Vector6<f64>,
-        every: bool,
+        from: &AtRest<'_, N>,
+        t: f64,
     ) -> Vec<usize> {
+        let node = from.node;
         let (zero, start, parent) = (SVector::zeros(), self.nodes[node].q, self.nodes[node].cost);
+        // From a posture beside the path the arm moves beside it, and comes back to it on the way on.
+        let fit = if from.q == start && self.nodes[node].is_exact {
+            Fit::Exact
+        } else {
+            Fit::Lax
+        };
+        let way = Way {
+            fit,
+            ..Way::exact()
+        };
         let mut found = vec![];
-        for (q, knots) in self.postures_on(
-            &AtRest {
-                node,
-                v,
-                X,
-                onwards,
-                every,
-            },
-            leg.from_s + t,
-        ) {
+        for (q, knots) in self.postures_on(from, leg.from_s + t) {
             let moved = slowest(&(q - start), &(self.bounds.velocity * SPEED));
-            if let Some(one) = self.push_node(leg, node, knots, &Way::exact()) {
+            if let Some(one) = self.push_node(leg, node, knots, &way) {
                 self.nodes[one].cost =
                     parent + STOP_S + 1.875 * moved + self.price(&zero, STOP_S, &q);
                 self.nodes[one].heading = zero;
@@ -77,27 +79,29 @@ impl<const N: usize> Search<'_, N> {
         let AtRest {
             X, onwards, every, ..
         } = *from;
-        let mut knots: Vec<Knot<N>> = vec![];
-        let (mut at, mut v) = (self.nodes[from.node].q, from.v / from.v.amax());
+        let (mut at, mut v) = (from.q, from.v / from.v.amax());
         let mut undone = self.undone(&at, onwards);
         let mut out = vec![];
         let knot = |q: SVector<f64, N>| {
             let waits = true;
             Knot { t, q, waits }
         };
+        let mut knots: Vec<Knot<N>> = vec![];
+        if from.q != self.nodes[from.node].q {
+            knots.push(knot(from.q));
+        }
         let mut ranks = [f64::INFINITY, self.second(&at)];
         let (mut gaps, mut crossed) = ([f64::INFINITY, undone.norm()], false);
         for k in 1.. {
             self.spent.set(self.spent.get() + 2);
-            if self.is_spent(1.0) || self.comes_round(&at, from.node, k) {
+            if self.is_spent(1.0) || self.comes_round(&at, &from.q, k) {
                 break;
             }
             if k > STRIDES {
                 self.cut();
                 break;
             }
-            let zero = SVector::zeros();
-            let (next, e) = self.arm.solve(X, &(at + v * STRIDE), &zero, 0.0, SOLVED);
+            let (next, e) = self.arm.at_rest(X, &(at + v * STRIDE));
             let dq = next - at;
             let is_stride = (0.5 * STRIDE..=2.0 * STRIDE).contains(&dq.amax());
             if e.norm() > 1e-5 || !is_stride || self.outside(&next, &at).is_some() {
@@ -154,9 +158,7 @@ impl<const N: usize> Search<'_, N> {
             } else {
                 after * x
             };
-            self.arm
-                .solve(from.X, &(at + by), &SVector::zeros(), 0.0, SOLVED)
-                .0
+            self.arm.at_rest(from.X, &(at + by)).0
         };
         let left = |q: &SVector<f64, N>| self.undone(q, from.onwards).norm();
         let measure = |q: &SVector<f64, N>| if falls { self.second(q) } else { left(q) };
@@ -165,9 +167,9 @@ impl<const N: usize> Search<'_, N> {
     }
 
     /// Whether a self-motion is back where it began after `k` strides: a full turn is another posture where a joint has limits.
-    fn comes_round(&self, at: &SVector<f64, N>, node: usize, k: u32) -> bool {
+    fn comes_round(&self, at: &SVector<f64, N>, from: &SVector<f64, N>, k: u32) -> bool {
         use std::f64::consts::TAU;
-        let by = at - self.nodes[node].q;
+        let by = at - from;
         k > 5
             && (0..N).all(|i| {
                 let is_endless = self.bounds.upper[i] - self.bounds.lower[i] > 1e3;
@@ -188,11 +190,7 @@ impl<const N: usize> Search<'_, N> {
         (undone, half): (&Vector6<f64>, usize),
     ) -> SVector<f64, N> {
         self.spent.set(self.spent.get() + 24);
-        let there = |x: f64| {
-            self.arm
-                .solve(from.X, &(at + dq * x), &SVector::zeros(), 0.0, SOLVED)
-                .0
-        };
+        let there = |x: f64| self.arm.at_rest(from.X, &(at + dq * x)).0;
         let (mut low, mut high) = (0.0, 1.0);
         for _ in 0..24 {
             let middle = 0.5 * (low + high);
