@@ -1,6 +1,5 @@
 //! Shared by tests: arms, random postures, and a step of exact dynamics.
 
-use crate::singularity::puma_inverse::PumaLengths;
 use crate::types::Report;
 use model::{Factors, Model, Robot};
 use nalgebra::{SVector, Vector3};
@@ -29,12 +28,24 @@ pub(crate) fn robot(name: &str) -> &'static Robot {
     })[name]
 }
 
+/// Upper arm and forearm of a PUMA, m, and q3 at full stretch, rad.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PumaLengths {
+    pub(crate) a2: f64,
+    pub(crate) L3: f64,
+    pub(crate) q3_stretched: f64,
+}
+
 /// The lengths of a built-in PUMA.
 pub(crate) fn puma_lengths(name: &str) -> PumaLengths {
     let Factors::Puma { a2, a3, d4 } = robot(name).factors else {
         panic!("{name} has the factors of a PUMA")
     };
-    PumaLengths::new(a2, a3, d4)
+    PumaLengths {
+        a2,
+        L3: a3.hypot(d4),
+        q3_stretched: libm::atan2(d4, a3),
+    }
 }
 
 pub(crate) fn puma() -> &'static Model<6> {

@@ -127,6 +127,12 @@ impl<const N: usize> Cycle<N> {
 }
 
 impl<const N: usize> Known<N> {
+    /// Ticks since the last sample.
+    fn elapsed(&self, tick: u64) -> f64 {
+        self.0
+            .map_or(1.0, |state| tick.saturating_sub(state.tick).max(1) as f64)
+    }
+
     /// Whether a reading of the last sample was set aside.
     fn rejects(&self) -> bool {
         self.0
@@ -206,10 +212,7 @@ impl<const N: usize> Cycle<N> {
         let mut measured = joints::<N>(&sample.q_encoder);
         let tau = joints(&sample.tau_drive);
         let tick = sample.header.tick;
-        let elapsed = known
-            .0
-            .map_or(1, |state| tick.saturating_sub(state.tick).max(1)) as f64
-            * self.T;
+        let elapsed = known.elapsed(tick) * self.T;
         let mut predicted = match &known.0 {
             None => State::begin(tick, measured),
             Some(state) => self.reach(state, last, sample, &measured, &tau),

@@ -7,9 +7,11 @@
 #![allow(non_snake_case)]
 #![cfg_attr(not(test), deny(clippy::disallowed_methods, clippy::disallowed_types))]
 
+mod inverse;
+
 use control::Kind;
 use control::linear::rotation_exp;
-use control::singularity::puma_inverse::{PumaInverse, PumaLengths};
+use inverse::{PumaInverse, PumaLengths};
 use model::{Factors, Model, Pose, Robot};
 use nalgebra::{SVector, Vector3};
 use shared_types::random::Uniform;

@@ -88,7 +88,6 @@ pub(crate) fn engaged<const N: usize>(
             terms: now.terms,
             at: now.at,
             desired: &motion.desired,
-            V_nominal: &motion.V_nominal,
             ahead: &ahead,
             error: &motion.error,
             lower: setup.model.lower(),

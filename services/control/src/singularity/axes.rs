@@ -6,16 +6,20 @@ use nalgebra::{Matrix3, SVector, Vector3};
 /// Sine of an angle, or distance in m, that counts as none.
 pub(super) const EXACT: f64 = 1e-6;
 
-/// Distance within which axes meet, m, and sine of the angle above which they cross.
-const MEET: (f64, f64) = (1e-6, 0.1);
+/// The same where a description rounds a right angle to 1.5708; far below encoder noise times an arm's length.
+pub(super) const ROUNDED: f64 = 3e-5;
+
+/// Sine of the angle above which axes cross.
+const CROSS: f64 = 0.1;
 
 /// The shoulder's centre S, where the waist axis meets the shoulder axis, base axes, m: fixed in the base.
-pub(crate) fn shoulder<const N: usize>(terms: &Terms<N>) -> Vector3<f64> {
+pub(super) fn shoulder<const N: usize>(terms: &Terms<N>) -> Vector3<f64> {
     terms.p[0] + terms.z[0] * (terms.p[1] - terms.p[0]).dot(&terms.z[0])
 }
 
-/// Where the last two axes meet, as a distance along the last one, m; and whether the third last passes there too (six joints or more).
-pub(super) fn meeting<const N: usize>(terms: &Terms<N>) -> (Option<f64>, bool) {
+/// Where the last two axes meet within `tolerance` (m), as a distance along the last one, m; and whether the third last passes there too (six joints or
+/// more).
+pub(super) fn meeting<const N: usize>(terms: &Terms<N>, tolerance: f64) -> (Option<f64>, bool) {
     if N < 2 {
         return (None, false);
     }
@@ -23,14 +27,14 @@ pub(super) fn meeting<const N: usize>(terms: &Terms<N>) -> (Option<f64>, bool) {
     let normal = z[N - 2].cross(&z[N - 1]);
     let between = p[N - 2] - p[N - 1];
     let size = normal.norm_squared();
-    if size < MEET.1 * MEET.1 || (between.dot(&normal) / size.sqrt()).abs() > MEET.0 {
+    if size < CROSS * CROSS || (between.dot(&normal) / size.sqrt()).abs() > tolerance {
         return (None, false);
     }
     let offset = between.cross(&z[N - 2]).dot(&-normal) / size;
     let C = p[N - 1] + z[N - 1] * offset;
     let spherical = N >= 6
-        && (C - p[N - 3]).cross(&z[N - 3]).norm() < MEET.0
-        && z[N - 3].cross(&z[N - 2]).norm() > MEET.1;
+        && (C - p[N - 3]).cross(&z[N - 3]).norm() < tolerance
+        && z[N - 3].cross(&z[N - 2]).norm() > CROSS;
     (Some(offset), spherical)
 }
 

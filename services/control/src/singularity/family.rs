@@ -1,32 +1,29 @@
-//! The singularities of one arm: measures by formula where the arm has one, tracked by number everywhere else, and the references of their coordinates.
+//! The singularities of one arm: factors of det J where its geometry gives them, tracked by number everywhere else, and the references of their coordinates.
 //!
-//! | form | arms | by formula | tracked |
+//! | form | arms | by geometry | tracked |
 //! |---|---|---|---|
-//! | [`Puma`] | PUMA 560 and its kin, by declared lengths | s = sin θ · sin q5 · R | |
-//! | [`ParallelAxes`] | Universal Robots and its kin, by the geometry of the axes | the same three factors | |
+//! | [`Factors`] | six joints, axes 2 and 3 parallel: PUMA 560, Universal Robots, most industrial arms | elbow, wrist, overhead | |
 //! | `Elbow` | KUKA iiwa and its kin: three axes meet in a shoulder, three in a wrist | the elbow | vector measures of the rest |
 //! | none | with spare joints: Panda, FR3, xArm 7, Gen3 | | vector measures |
 //! | none | any other | | signed singular values |
 //!
 //! The law depends on the type of a singularity, not on who measures it.
 
-use super::axes::{EXACT, in_general_position, meeting, three_meet};
+use super::axes::{EXACT, ROUNDED, in_general_position, meeting, three_meet};
 use super::elbow::{self, BetweenCentres};
+use super::factors::Factors;
 use super::geometry::Geometry;
-use super::parallel_axes::ParallelAxes;
-use super::puma::Puma;
 use super::reference;
 use super::screws::Screws;
 use super::tracked_svd::TrackedSvd;
 use super::tracker::{TRACKED, Tracker};
-use super::waist;
 use crate::centre::{AtCentre, PoseMotion};
 use crate::paper::reference::Memory;
 use crate::paper::type_1::Fold;
 use crate::paper::type_2::Direction;
 use crate::reference::path::Ahead;
 use crate::types::{Kind, Singularity};
-use model::{Factors, Model, Robot, Terms};
+use model::{Model, Robot, Terms};
 use nalgebra::{SVector, Vector3, Vector6};
 use shared_types::scenario::Analysis;
 use shared_types::{AnalyzerCheckpoint, MAX_SINGULARITIES};
@@ -58,8 +55,6 @@ pub struct Situation<'a, const N: usize> {
     pub at: &'a AtCentre<N>,
     /// Desired motion of C.
     pub desired: &'a PoseMotion,
-    /// Its twist if the clock ran at full speed.
-    pub V_nominal: &'a Vector6<f64>,
     /// The rest of the path's leg.
     pub ahead: &'a Ahead,
     /// Pose error at C, `[p_d − p; log(R_d Rᵀ)]`.
@@ -70,7 +65,7 @@ pub struct Situation<'a, const N: usize> {
     pub upper: &'a SVector<f64, N>,
     /// Largest auxiliary rate, rad/s.
     pub rate_max: f64,
-    /// Whether the governor may slow the path down.
+    /// Whether the clock slows down for a rate that is too large.
     pub governed: bool,
     /// Whether the goal is beyond reach, as the plan of the path has found.
     pub clips: bool,
@@ -79,8 +74,7 @@ pub struct Situation<'a, const N: usize> {
 /// The singularities that an arm has by formula.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Form {
-    Puma(Puma),
-    ParallelAxes(ParallelAxes),
+    Factors(Factors),
     /// The elbow alone, between the shoulder's centre S (base axes, m) and the wrist's.
     Elbow(Vector3<f64>),
     None,
@@ -95,17 +89,20 @@ pub struct Family<const N: usize> {
     form: Form,
     /// C on the last axis, from its origin, m; `None`: C is E.
     offset: Option<f64>,
+    /// Makes radians of metres, m.
+    length_m: f64,
     /// `None` where formulas give all, and for an arm with more task axes than joints, which is singular everywhere: nothing is reported.
     tracker: Option<Tracker<N>>,
 }
 
 impl<const N: usize> Family<N> {
-    /// The singularities of `robot`: by declared lengths, by its geometry, else by number, as with `analysis.numeric`.
+    /// The singularities of `robot`: by its geometry, else by number, as with `analysis.numeric`.
     #[must_use]
     pub fn of(robot: &Robot, analysis: &Analysis) -> Self {
         let nothing = Self {
             form: Form::None,
             offset: None,
+            length_m: robot.length_m,
             tracker: None,
         };
         let Ok(model) = Model::<N>::new(robot, None) else {
@@ -115,22 +112,26 @@ impl<const N: usize> Family<N> {
         let q = SVector::from_fn(|i, _| 0.3 + 0.37 * i as f64);
         let terms = model.evaluate(&q, &SVector::zeros());
         // C's position must not depend on a rotation that the task does not serve: only E itself may then be moved.
-        let offset = (meeting(&terms).0).filter(|_| robot.task.0[3..].iter().all(|served| *served));
+        let meets = |tolerance: f64| {
+            let turns = robot.task.0[3..].iter().all(|served| *served);
+            meeting(&terms, tolerance).0.filter(|_| turns)
+        };
         // The formulas are those of the whole twist at C: a task that leaves a rotation free has other singularities.
         let form = if analysis.numeric || !robot.task.is_full() {
             Form::None
         } else {
             Form::of::<N>(robot)
         };
+        let is_factored = matches!(form, Form::Factors(_));
         let out = Self {
             form,
-            offset,
+            offset: meets(if is_factored { ROUNDED } else { EXACT }),
             ..nothing
         };
-        let tracker = match form {
-            Form::Puma(_) | Form::ParallelAxes(_) => None,
-            _ => out.tracked(robot, analysis, &terms),
-        };
+        if is_factored {
+            return out;
+        }
+        let tracker = out.tracked(robot, analysis, &terms);
         Self { tracker, ..out }
     }
 
@@ -141,7 +142,7 @@ impl<const N: usize> Family<N> {
             return None;
         }
         let whole = TrackedSvd::new((0..6).filter(|k| robot.task.0[*k]), (0, dof));
-        let has_wrist = meeting(terms).1 && robot.task.is_full() && rows == dof;
+        let has_wrist = meeting(terms, EXACT).1 && robot.task.is_full() && rows == dof;
         let blocks = if has_wrist {
             &[
                 TrackedSvd::new(0..3, (0, N - 3)),
@@ -174,19 +175,6 @@ impl<const N: usize> Family<N> {
         ))
     }
 
-    /// A name of the form, and of how the rest is measured.
-    #[must_use]
-    pub fn name(&self) -> &'static str {
-        match (&self.form, &self.tracker) {
-            (Form::Puma(_), _) => "puma",
-            (Form::ParallelAxes(_), _) => "parallel axes",
-            (Form::Elbow(_), _) => "spherical shoulder",
-            (Form::None, Some(tracker)) if tracker.measures_vectors() => "redundant",
-            (Form::None, Some(_)) => "numeric",
-            (Form::None, None) => "deficient",
-        }
-    }
-
     /// The point C of the end-effector link at which singularities are analysed. Shape 3; m; frame B.
     #[must_use]
     pub fn centre(&self, terms: &Terms<N>) -> Vector3<f64> {
@@ -204,8 +192,7 @@ impl<const N: usize> Family<N> {
         out: &mut [Singularity<N>; MAX_SINGULARITIES],
     ) -> usize {
         let first = match &self.form {
-            Form::Puma(arm) => arm.measure(posture, out),
-            Form::ParallelAxes(arm) => arm.measure(posture, out),
+            Form::Factors(factors) => factors.measure(posture, out),
             Form::Elbow(S) => {
                 out[0] = BetweenCentres::new(S, posture.terms, &posture.at.p).measure(posture);
                 1
@@ -219,15 +206,14 @@ impl<const N: usize> Family<N> {
     /// The coordinate of a Type 1 singularity as the desired pose needs it; `None`: ζ is held. Called for Type 1 only.
     #[must_use]
     pub fn fold(&self, s: &Singularity<N>, at: &Situation<'_, N>) -> Option<Fold> {
-        let cosine = match &self.form {
-            Form::Puma(arm) => arm.elbow_cosine(at),
-            Form::ParallelAxes(_) => ParallelAxes::elbow_cosine(at),
+        match &self.form {
             Form::Elbow(S) if s.kind == Kind::Elbow => {
-                BetweenCentres::new(S, at.terms, &at.at.p).cosine(S, at.desired)
+                let cosine = BetweenCentres::new(S, at.terms, &at.at.p).cosine(S, at.desired);
+                Some(elbow::fold(s.aux, cosine))
             }
-            _ => return reference::fold(s, at),
-        };
-        Some(elbow::fold(s.aux, cosine))
+            Form::Factors(_) => reference::fold(s, at, reference::GEOMETRY_DAMPING),
+            _ => reference::fold(s, at, reference::FOLD_DAMPING),
+        }
     }
 
     /// The direction of ζ that the desired motion needs; `None`: ζ is held. Called for Type 2 and mixed only.
@@ -238,20 +224,10 @@ impl<const N: usize> Family<N> {
         at: &Situation<'_, N>,
         memory: &mut Memory,
     ) -> Option<Direction> {
-        match &self.form {
-            Form::Puma(_) | Form::ParallelAxes(_) if s.kind == Kind::Overhead => {
-                Some(waist::direction(at, memory))
-            }
-            Form::Puma(arm) => Some(arm.direction(s, at, memory)),
-            Form::ParallelAxes(_) => Some(ParallelAxes::direction(s, at, memory)),
-            _ => {
-                let tracker = self.tracker.as_ref()?;
-                if tracker.measures_vectors() {
-                    reference::direction(s, at, memory)
-                } else {
-                    reference::signed(s, at, tracker.length_m(), memory)
-                }
-            }
+        if self.measures_vectors() {
+            reference::direction(s, at, memory)
+        } else {
+            reference::signed(s, at, self.length_m, memory)
         }
     }
 
@@ -292,14 +268,11 @@ impl<const N: usize> Family<N> {
 
 impl Form {
     fn of<const N: usize>(robot: &Robot) -> Self {
-        if let (Factors::Puma { a2, a3, d4 }, 6) = (robot.factors, N) {
-            return Self::Puma(Puma::new(a2, a3, d4));
-        }
-        if ParallelAxes::are_of::<N>(robot) {
-            return Self::ParallelAxes(ParallelAxes);
+        if let Some(factors) = Factors::of::<N>(robot) {
+            return Self::Factors(factors);
         }
         let centres = |terms: &Terms<N>| {
-            let (offset, spherical) = meeting(terms);
+            let (offset, spherical) = meeting(terms, EXACT);
             let S = three_meet(terms, EXACT)?;
             offset
                 .filter(|_| spherical && N == 7)

@@ -1,7 +1,7 @@
 //! Where an arm is singular: one way for every arm.
 //!
-//! [`analyzer`] lists the singularities of a posture, [`family`] says who measures them: closed forms where an arm has them, which name, sharpen and sign,
-//! and the [`tracker`] of singular directions everywhere else. Each is one [`Singularity`](crate::types::Singularity): a measure s with its rate, the
+//! [`analyzer`] lists the singularities of a posture, [`family`] says who measures them: the [`factors`] of det J where the geometry of the axes gives
+//! them, and the [`tracker`] of singular directions everywhere else. Each is one [`Singularity`](crate::types::Singularity): a measure s with its rate, the
 //! direction ζ, and the regular coordinate that replaces it: modulo the kept rows ζᵀJ = gain·aux_row.
 //!
 //! | file | content |
@@ -10,8 +10,8 @@
 //! | [`auxiliary_row`] | the coordinate of a tracked direction |
 //! | [`classify`] | Type 1, Type 2 or mixed, by the second-order motion along ζ |
 //! | [`geometry`], [`axes`], [`screws`] | what the axes tell: names, meeting points; the arm as screws |
-//! | [`elbow`], [`wrist`], [`waist`] | measures by formula, shared by [`puma`], [`parallel_axes`] and arms with a spherical shoulder |
-//! | [`reference`](mod@reference) | where the coordinate of a tracked direction goes |
+//! | [`factors`], [`elbow`] | measures by the geometry of six axes, and of an arm with a spherical shoulder |
+//! | [`reference`](mod@reference) | where the coordinate of a singularity goes |
 //! | [`turning`] | the joint motion that turns ζ, predicted |
 
 pub mod analyzer;
@@ -19,19 +19,14 @@ mod auxiliary_row;
 pub(crate) mod axes;
 pub mod classify;
 mod elbow;
+mod factors;
 pub mod family;
 mod geometry;
-pub mod parallel_axes;
-pub mod parallel_axes_inverse;
-pub mod puma;
-pub mod puma_inverse;
 mod reference;
 pub mod screws;
 mod tracked_svd;
 mod tracker;
 pub mod turning;
-mod waist;
-mod wrist;
 
 #[cfg(test)]
 mod tests;

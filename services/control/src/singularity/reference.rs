@@ -1,4 +1,4 @@
-//! Where the auxiliary coordinate of a tracked direction goes: along the fold, out of the neighbourhood by the self-motion, or until ζ is out of the way.
+//! Where the auxiliary coordinate of a singularity goes: along the fold, out of the neighbourhood by the self-motion, or until ζ is out of the way.
 
 use super::family::Situation;
 use super::tracker::SMALLEST;
@@ -11,8 +11,9 @@ use nalgebra::{Vector3, Vector6};
 use shared_types::bounds::within;
 use std::f64::consts::PI;
 
-/// Damping of a fold's feed-forward, rad.
-const FOLD_DAMPING: f64 = 0.02;
+/// Damping of a fold's feed-forward, rad: of a coordinate that the geometry gives, and of a tracked one, which has more noise.
+pub(super) const GEOMETRY_DAMPING: f64 = 0.01;
+pub(super) const FOLD_DAMPING: f64 = 0.02;
 
 /// Square of a fold's coordinate below zero at which the desired pose is beyond reach, not only rounded.
 const BEYOND_REACH: f64 = -1e-7;
@@ -53,6 +54,9 @@ const NEITHER: f64 = 4.0;
 const AHEAD: f64 = 0.25;
 const BEND: f64 = 0.01;
 
+/// Rate asked for over the largest one above which a lock is passed straight, where the clock does not wait.
+const PASS_RATIO: f64 = 1.8;
+
 /// Curvature of a one-sided fold that is none, unit-scaled.
 const FLAT: f64 = 0.02;
 
@@ -64,20 +68,24 @@ const SIDE: f64 = 0.01;
 
 /// The coordinate y of a fold as the desired pose needs it: y_d² = y² + 2ζᵀe/h with h = −κ₁, because the motion along ζ is h·y²/2 and ζ points outwards.
 ///
-/// Units rad, rad/s · Ensures a size of 0 and no rate where the desired pose is beyond reach · Errors `None`: a curvature that is none · Cost O(1), no
+/// `damping` is one of the feed-forward. Units rad, rad/s · Ensures a size of 0 and no rate where the desired pose is beyond reach · Errors `None`: a curvature that is none · Cost O(1), no
 /// allocation
-pub(super) fn fold<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>) -> Option<Fold> {
+pub(super) fn fold<const N: usize>(
+    s: &Singularity<N>,
+    at: &Situation<'_, N>,
+    damping: f64,
+) -> Option<Fold> {
     if s.kappa_1.is_nan() || s.kappa_1 <= 1e-6 {
         return None;
     }
     let per_curvature = -1.0 / s.kappa_1;
     let square = s.aux * s.aux + 2.0 * per_curvature * s.zeta_B.dot(at.error);
     let (clipped, size) = (square < BEYOND_REACH, square.max(0.0).sqrt());
-    let damped = size * size + FOLD_DAMPING * FOLD_DAMPING;
+    let damped = size * size + damping * damping;
     let rate = if clipped {
         0.0
     } else {
-        per_curvature * s.zeta_B.dot(&at.desired.V) * size / damped
+        per_curvature * along(s, at) * size / damped
     };
     Some(Fold {
         x: s.aux,
@@ -135,6 +143,13 @@ fn half<const N: usize>(s: &Singularity<N>, V: &Vector6<f64>) -> Vector3<f64> {
     if s.angular { angular(V) } else { linear(V) }
 }
 
+/// The desired motion along ζ without the share that the kept motion has along it, which the auxiliary coordinate does not repeat; m/s or rad/s.
+fn along<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>) -> f64 {
+    let moved = s.zeta_B.dot(&(at.at.J * at.qdot_planned));
+    let carried = moved - s.gain * s.aux_row.dot(at.qdot_planned);
+    s.zeta_B.dot(&at.desired.V) - carried
+}
+
 /// The rest of the leg, in the half that ζ takes; rad or m.
 fn left_of_leg<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>) -> Vector3<f64> {
     let end = at.ahead.pose(1.0);
@@ -160,10 +175,7 @@ pub(super) fn signed<const N: usize>(
         memory.passing = false;
         return None;
     }
-    // The auxiliary coordinate does not repeat the kept motion's part along ζ.
-    let moved = half(s, &(at.at.J * at.qdot_planned)).dot(&s.axis());
-    let carried = moved - s.gain * s.aux_row.dot(at.qdot_planned);
-    let along = half(s, &at.desired.V).dot(&s.axis()) - carried;
+    let along = along(s, at);
     Some(if is_fold {
         one_sided(s, at, along, unit, memory)
     } else {
@@ -183,8 +195,12 @@ fn turned<const N: usize>(
     memory: &mut Memory,
 ) -> Direction {
     let (zeta, t) = (s.axis(), s.axis().cross(&s.R_BS.column(1)));
-    let ahead = 1.0 - smoothstep(s.s.abs() / (AHEAD * s.eta_in));
     let error = half(s, at.error);
+    let ahead = if is_hasty(s, at, &error, (&zeta, &t)) {
+        1.0
+    } else {
+        1.0 - smoothstep(s.s.abs() / (AHEAD * s.eta_in))
+    };
     let e = error + (left_of_leg(s, at) - error) * ahead;
     let kappa_2 = s.kappa_2.max(SLOWEST_TURN);
     let (across, bend) = (e.dot(&zeta), s.gain / kappa_2 + e.dot(&t));
@@ -212,6 +228,26 @@ fn turned<const N: usize>(
         holding: memory.holding,
         ..Direction::default()
     }
+}
+
+/// Whether the bend, on its way at the desired velocity, passes the lock so nearly that no rate allowed turns ζ around it, and no clock waits for it.
+fn is_hasty<const N: usize>(
+    s: &Singularity<N>,
+    at: &Situation<'_, N>,
+    error: &Vector3<f64>,
+    (zeta, t): (&Vector3<f64>, &Vector3<f64>),
+) -> bool {
+    let V = half(s, &at.desired.V);
+    let (across, bend) = (
+        error.dot(zeta),
+        s.gain / s.kappa_2.max(SLOWEST_TURN) + error.dot(t),
+    );
+    let (v, w) = (V.dot(zeta), V.dot(t));
+    let most = PASS_RATIO * at.rate_max * s.kappa_2;
+    !at.governed
+        && s.inside
+        && v * v + w * w > most * (across * w - bend * v).abs()
+        && libm::hypot(v, w) > STILL
 }
 
 /// The way round by which ζ turns through `angle`: of two that are as long, the one taken before. `None`: neither leads there.

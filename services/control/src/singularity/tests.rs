@@ -2,17 +2,16 @@
 
 use super::classify::FOLD;
 use super::geometry::Span;
-use super::puma_inverse::{PumaInverse, PumaLengths};
 use super::screws::Screws;
 use super::turning::turning;
 use crate::centre::AtCentre;
 use crate::law::Engaged;
-use crate::linear::{angular, linear, rotation_log, symmetric_eigen, wrap_angle};
+use crate::linear::{angular, linear, symmetric_eigen, wrap_angle};
 use crate::paper::singular_frame::{Basis, orthogonal_rows};
 use crate::singularity::analyzer::{Analyzer, RANK_TOLERANCE};
-use crate::testing::puma_lengths;
+use crate::testing::{PumaLengths, puma_lengths};
 use crate::types::{Class, Kind, Report, Singularity};
-use model::{Model, Robot};
+use model::{Model, Robot, RobotText};
 use nalgebra::{DMatrix, Matrix3, SMatrix, SVector, Vector3, Vector6};
 use proptest::prelude::*;
 use proptest::strategy::ValueTree;
@@ -34,7 +33,10 @@ struct Arm<const N: usize> {
 
 impl<const N: usize> Arm<N> {
     fn new(name: &str, numeric: bool) -> Self {
-        let robot = Robot::builtin(name).unwrap();
+        Self::of(Robot::builtin(name).unwrap(), numeric)
+    }
+
+    fn of(robot: Robot, numeric: bool) -> Self {
         let analysis = Analysis {
             numeric,
             ..Analysis::default()
@@ -137,8 +139,8 @@ fn guarantees<const N: usize>(arm: &Arm<N>) {
                 (s.aux_row.dot(&qdot) - s.aux_rate).abs() < 1e-13,
                 "{name} {i}"
             );
-            // The wrist's φ of a PUMA is no function of the posture: φ̇ = z4·ω₄, and its joint counts it near the singularity only.
-            let is_phi = name.starts_with("puma") && s.kind == Kind::Wrist;
+            // A spherical wrist's φ is no function of the posture: φ̇ = z4·ω₄, and its joint counts it near the singularity only.
+            let is_phi = N == 6 && !name.starts_with("ur") && s.kind == Kind::Wrist;
             if !is_vector && (b.aux - a.aux).abs() < 1.0 {
                 assert!(
                     is_phi || (slope(a.aux, b.aux) - s.aux_rate).abs() < 1e-6,
@@ -218,23 +220,67 @@ fn every_arm_keeps_the_guarantees_of_a_singularity() {
         .for_each(|name| guarantees(&Arm::<7>::new(name, false)));
 }
 
-// covers: CK95 Eq. 1 (parallel_axes::ParallelAxes::measure)
+/// Joints of an arm whose waist axis misses the shoulder's, each its place (m) and axis in the link before, in URDF's notation.
+const INDUSTRIAL: [[&str; 2]; 6] = [
+    ["0 0 0", "0 0 1"],
+    ["0.15 0 0.4", "0 1 0"],
+    ["0 0 0.6", "0 1 0"],
+    ["0.1 0.07 0.12", "1 0 0"],
+    ["0.5 0 0", "0 1 0"],
+    ["0.08 0 0", "1 0 0"],
+];
+
+/// The same with a fourth parallel axis.
+const COLLABORATIVE: [[&str; 2]; 6] = [
+    ["0 0 0", "0 0 1"],
+    ["0.15 0 0.4", "0 1 0"],
+    ["0 0 0.6", "0 -1 0"],
+    ["0.5 0.1 0", "0 1 0"],
+    ["0 0.1 0", "0 0 1"],
+    ["0 0 0.09", "0 1 0"],
+];
+
+fn described(name: &str, joints: [[&str; 2]; 6]) -> Robot {
+    let mut urdf = format!("<robot name=\"{name}\"><link name=\"l0\"/>");
+    for (i, [place, axis]) in joints.iter().enumerate() {
+        let child = i + 1;
+        urdf += &format!(
+            "<link name=\"l{child}\"><inertial><mass value=\"2\"/><inertia ixx=\"0.02\" iyy=\"0.02\" izz=\"0.02\" ixy=\"0\" ixz=\"0\" iyz=\"0\"/></inertial></link>\
+             <joint name=\"j{child}\" type=\"revolute\"><origin xyz=\"{place}\"/><parent link=\"l{i}\"/><child link=\"l{child}\"/><axis xyz=\"{axis}\"/>\
+             <limit lower=\"-3\" upper=\"3\" effort=\"100\" velocity=\"3\"/></joint>"
+        );
+    }
+    let source = RobotText {
+        name: name.to_owned(),
+        urdf: urdf + "</robot>",
+        ..RobotText::default()
+    };
+    Robot::from_source_at(&source, None).unwrap()
+}
+
 #[test]
-fn the_determinant_of_parallel_axes_is_the_product_of_the_factors() {
-    for name in ["ur5", "ur10"] {
-        let (arm, mut random) = (Arm::<6>::new(name, false), Uniform(3));
-        let [L2, L3] = [1, 2].map(|joint| {
-            let (n, p) = (
-                arm.robot.joints[joint].axis,
-                arm.robot.joints[joint + 1].X_PJ.p,
-            );
-            (p - n * n.dot(&p)).norm()
-        });
+fn the_determinant_of_six_joints_is_the_product_of_the_factors() {
+    let built_in = |name: &str| Robot::builtin(name).unwrap();
+    for (robot, [L2, L3]) in [
+        (built_in("ur5"), [0.425, 0.39225]),
+        (built_in("puma560"), [0.4318, 0.0203_f64.hypot(0.4331)]),
+        (
+            described("industrial", INDUSTRIAL),
+            [0.6, 0.6_f64.hypot(0.12)],
+        ),
+        (described("ur-like", COLLABORATIVE), [0.6, 0.5]),
+    ] {
+        let (arm, mut random) = (Arm::<6>::of(robot, false), Uniform(3));
+        let name = &arm.robot.name;
         for _ in 0..100 {
             let report = arm.at(&arm.posture(&mut random));
+            let kinds: Vec<_> = report.listed().iter().map(|s| s.kind).collect();
+            assert_eq!(kinds, [Kind::Elbow, Kind::Wrist, Kind::Overhead], "{name}");
             let product: f64 = report.listed().iter().map(|s| s.s).product();
-            assert!((report.det.abs() - (product * L2 * L3 * (L2 + L3)).abs()).abs() < 1e-12);
+            let error = report.det.abs() - (product * L2 * L3 * (L2 + L3)).abs();
+            assert!(error.abs() < 1e-12, "{name}: {error:e}");
         }
+        guarantees(&arm);
     }
 }
 
@@ -576,28 +622,6 @@ fn directions_that_leave_no_other_have_no_nan() {
         span.push(span.any());
     }
     assert!(span.any().norm() < 1e-3);
-}
-
-#[test]
-fn a_pumas_inverse_kinematics_undoes_forward_kinematics() {
-    let (arm, mut random) = (Arm::<6>::new("puma560", false), Uniform(9));
-    let (lower, upper) = (arm.model.lower(), arm.model.upper());
-    let inverse = PumaInverse::new(&arm.model, puma_lengths("puma560"));
-    for _ in 0..100 {
-        let q = arm.posture(&mut random);
-        let X = arm.model.forward_kinematics(&q);
-        for found in inverse.all(&X, &q) {
-            let Y = arm.model.forward_kinematics(&found);
-            assert!((Y.p - X.p).norm() < 1e-9);
-            assert!(rotation_log(&(Y.R * X.R.transpose())).norm() < 1e-6);
-        }
-        // Joints 4 to 6 keep 0.05 rad from their limits, which a random posture does not.
-        let inner = (0..6).all(|i| q[i] > lower[i] + 0.05 && q[i] < upper[i] - 0.05);
-        if inner && libm::sin(q[4]).abs() > 1e-3 {
-            let nearest = inverse.nearest(&X, &q).unwrap();
-            assert!((nearest - q).amax() < 1e-5, "q itself is among them");
-        }
-    }
 }
 
 /// At a lock, the predicted motion leaves the end-effector where it is, whole, and turns ζ by the angle.

@@ -218,11 +218,6 @@ impl<const N: usize> Tracker<N> {
         !self.blocks[0].is_square()
     }
 
-    /// The length that makes metres radians, m.
-    pub(super) fn length_m(&self) -> f64 {
-        self.length_m
-    }
-
     /// One tick: fills the places of `out`, and returns how many there are.
     pub(super) fn measure(&mut self, at: &Posture<'_, N>, out: &mut [Singularity<N>]) -> usize {
         let arm = (

@@ -5,8 +5,7 @@ use crate::law::auxiliary::LEFT;
 use crate::law::{self, Engaged, Problem, Rows};
 use crate::paper::singular_frame::orthogonal_rows;
 use crate::singularity::analyzer::Analyzer;
-use crate::singularity::puma_inverse::PumaLengths;
-use crate::testing::{posture, puma, puma_lengths, robot};
+use crate::testing::{PumaLengths, posture, puma, puma_lengths, robot};
 use crate::types::Report;
 use model::{Model, Terms};
 use nalgebra::{DMatrix, DVector, Vector6};
@@ -117,7 +116,7 @@ fn moving(random: &mut Uniform) -> Vector6<f64> {
 
 proptest! {
     // covers: CK95 Eq. 1 (analyzer::conditioning)
-    // covers: CK95 Eq. 1 (puma::Puma::measure)
+    // covers: CK95 Eq. 1 (factors::Factors::measure)
     #[test]
     fn the_determinant_is_the_product_of_the_three_factors(q in posture(puma())) {
         let (report, _) = analysed(puma(), "puma560", &q, &Vector6::zeros());

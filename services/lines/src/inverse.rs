@@ -1,25 +1,24 @@
-//! A PUMA's lengths, and its closed-form inverse kinematics along the path: where the first three joints and the wrist will have to be.
+//! A PUMA's lengths, and its closed-form inverse kinematics.
 
-use super::axes::shoulder;
-use crate::linear::{rotation_exp, rotation_log, sign, wrap_angle};
+use control::linear::{rotation_exp, rotation_log, sign, wrap_angle};
 use model::{Model, Pose, Terms};
-use nalgebra::{Matrix3, SVector, Vector2, Vector3};
+use nalgebra::{Matrix3, SVector, Vector3};
 
 /// The lengths that the factors need, modified DH with Craig's zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PumaLengths {
+pub(crate) struct PumaLengths {
     /// Upper arm, m.
-    pub a2: f64,
+    pub(crate) a2: f64,
     /// Forearm from elbow axis to wrist centre, √(a3² + d4²), m.
-    pub L3: f64,
+    pub(crate) L3: f64,
     /// q3 at full stretch, atan2(d4, a3), rad.
-    pub q3_stretched: f64,
+    pub(crate) q3_stretched: f64,
 }
 
 impl PumaLengths {
     /// From the DH lengths, m.
     #[must_use]
-    pub fn new(a2: f64, a3: f64, d4: f64) -> Self {
+    pub(crate) fn new(a2: f64, a3: f64, d4: f64) -> Self {
         Self {
             a2,
             L3: (a3 * a3 + d4 * d4).sqrt(),
@@ -29,14 +28,14 @@ impl PumaLengths {
 
     /// Elbow angle from full stretch, (−π, π].
     #[must_use]
-    pub fn theta(&self, q3: f64) -> f64 {
+    pub(crate) fn theta(&self, q3: f64) -> f64 {
         wrap_angle(q3 - self.q3_stretched)
     }
 }
 
 /// The first three joints' inverse kinematics, on the sides of shoulder and elbow where the arm is. Frame base axes; m, rad.
 #[derive(Clone, Copy, Debug)]
-pub struct Forearm {
+pub(crate) struct Forearm {
     puma: PumaLengths,
     /// Base axes with the arm's plane as x, z2 as y and the waist axis as z: rows.
     axes: Matrix3<f64>,
@@ -49,21 +48,17 @@ pub struct Forearm {
 
 /// The forearm at one place of the wrist centre.
 #[derive(Clone, Copy, Debug)]
-pub struct PlacedForearm {
+pub(crate) struct PlacedForearm {
     /// Turn of the waist from where it is now, q2 and θ, rad.
-    pub angles: [f64; 3],
-    /// In-plane radius, m.
-    pub R: f64,
+    pub(crate) angles: [f64; 3],
     /// Whether the place is within reach.
-    pub within_reach: bool,
-    /// z4 and z2, base axes.
-    axes: [Vector3<f64>; 2],
+    pub(crate) within_reach: bool,
 }
 
 impl Forearm {
     /// The forearm of the posture in `terms`, wrist centre at `p_C`, base axes, m.
     #[must_use]
-    pub fn new<const N: usize>(
+    pub(crate) fn new<const N: usize>(
         puma: &PumaLengths,
         q: &SVector<f64, N>,
         terms: &Terms<N>,
@@ -71,7 +66,8 @@ impl Forearm {
     ) -> Self {
         let (z1, z2) = (terms.z[0], terms.z[1]);
         let x = z2.cross(&z1);
-        let S = shoulder(terms);
+        // Where the waist axis meets the shoulder axis.
+        let S = terms.p[0] + z1 * (terms.p[1] - terms.p[0]).dot(&z1);
         let p = p_C - S;
         let sides = [sign(p.dot(&x) >= 0.0), sign(puma.theta(q[2]) >= 0.0)];
         Self {
@@ -88,7 +84,7 @@ impl Forearm {
     /// Units m · Frame `p` in base axes, from the base's origin · Ensures finite angles: a place beyond reach is moved to the boundary, which
     /// `within_reach` of the result tells · Errors none · Cost O(1), no allocation
     #[must_use]
-    pub fn at(&self, p: &Vector3<f64>) -> PlacedForearm {
+    pub(crate) fn at(&self, p: &Vector3<f64>) -> PlacedForearm {
         let [a2, L3, d] = [self.puma.a2, self.puma.L3, self.offset];
         let p = self.axes * (p - self.shoulder);
         let r2 = p.x * p.x + p.y * p.y;
@@ -102,49 +98,28 @@ impl Forearm {
             -L3 * self.sides[1] * (1.0 - cos * cos).sqrt(),
         );
         let q2 = libm::atan2(R * M - p.z * K, R * K + p.z * M);
-        let (s23, c23) = libm::sincos(q2 + theta + self.puma.q3_stretched);
-        let (s1, c1) = libm::sincos(turn);
-        let to_base = self.axes.transpose();
-        let axes = [
-            to_base * Vector3::new(s23 * c1, s23 * s1, c23),
-            to_base * Vector3::new(-s1, c1, 0.0),
-        ];
         // A place exactly on the boundary is within reach: rounding is not a distance.
         let within_reach = r2 >= d * d - 1e-12 && needed.abs() <= 1.0 + 1e-12;
         PlacedForearm {
             angles: [turn, q2, theta],
-            R,
             within_reach,
-            axes,
         }
     }
 
     /// The same on chosen sides of shoulder and elbow, ±1.
     #[must_use]
-    pub fn on(&self, sides: [f64; 2]) -> Self {
+    pub(crate) fn on(&self, sides: [f64; 2]) -> Self {
         Self { sides, ..*self }
-    }
-}
-
-impl PlacedForearm {
-    /// The wrist's bend w = z4×z6_d in the forearm's own axes z2 and z4×z2, |w| the sine of the wrist angle and its direction q4 but for a constant.
-    ///
-    /// Requires `z6_d`, the desired last axis, a unit vector in base axes.
-    #[must_use]
-    pub fn wrist_bend(&self, z6_d: &Vector3<f64>) -> Vector2<f64> {
-        let [z4, z2] = self.axes;
-        let w = z4.cross(z6_d);
-        Vector2::new(w.dot(&z2), w.dot(&z4.cross(&z2)))
     }
 }
 
 /// Closed-form inverse kinematics of a PUMA at its wrist centre.
 #[derive(Clone, Copy, Debug)]
-pub struct PumaInverse<'a> {
+pub(crate) struct PumaInverse<'a> {
     /// The arm.
-    pub model: &'a Model<6>,
+    pub(crate) model: &'a Model<6>,
     /// Its lengths.
-    pub lengths: PumaLengths,
+    pub(crate) lengths: PumaLengths,
     /// The first three joints, from the posture q = 0.
     forearm: Forearm,
 }
@@ -152,7 +127,7 @@ pub struct PumaInverse<'a> {
 impl<'a> PumaInverse<'a> {
     /// The inverse kinematics of `model`, whose frame E is at the wrist centre.
     #[must_use]
-    pub fn new(model: &'a Model<6>, lengths: PumaLengths) -> Self {
+    pub(crate) fn new(model: &'a Model<6>, lengths: PumaLengths) -> Self {
         let zero = SVector::zeros();
         let terms = model.evaluate(&zero, &zero);
         Self {
@@ -164,7 +139,7 @@ impl<'a> PumaInverse<'a> {
 
     /// q2 that puts the wrist centre at in-plane radius `R`, from the elbow's angle, on the side where `q2` is; `None` beyond reach.
     #[must_use]
-    pub fn shoulder_for(&self, q2: f64, q3: f64, R: f64) -> Option<f64> {
+    pub(crate) fn shoulder_for(&self, q2: f64, q3: f64, R: f64) -> Option<f64> {
         let (sin, cos) = libm::sincos(self.lengths.theta(q3));
         let (K, M) = (
             self.lengths.a2 + self.lengths.L3 * cos,
@@ -186,7 +161,11 @@ impl<'a> PumaInverse<'a> {
     }
 
     /// All postures of a pose within the joint limits.
-    pub fn all(&self, X: &Pose, near: &SVector<f64, 6>) -> impl Iterator<Item = SVector<f64, 6>> {
+    pub(crate) fn all(
+        &self,
+        X: &Pose,
+        near: &SVector<f64, 6>,
+    ) -> impl Iterator<Item = SVector<f64, 6>> {
         let (q_near, X, inverse) = (*near, *X, *self);
         [[1.0, 1.0], [-1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]]
             .into_iter()
@@ -248,9 +227,44 @@ impl<'a> PumaInverse<'a> {
 
     /// The posture nearest to `near`.
     #[must_use]
-    pub fn nearest(&self, X: &Pose, near: &SVector<f64, 6>) -> Option<SVector<f64, 6>> {
+    pub(crate) fn nearest(&self, X: &Pose, near: &SVector<f64, 6>) -> Option<SVector<f64, 6>> {
         let distance = |q: &SVector<f64, 6>| (q - near).norm_squared();
         self.all(X, near)
             .min_by(|a, b| distance(a).total_cmp(&distance(b)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use model::{Factors, Robot};
+    use shared_types::random::Uniform;
+
+    #[test]
+    fn a_pumas_inverse_kinematics_undoes_forward_kinematics() {
+        let robot = Robot::builtin("puma560").unwrap();
+        let Factors::Puma { a2, a3, d4 } = robot.factors else {
+            panic!("a PUMA has its factors")
+        };
+        let (model, mut random) = (Model::<6>::new(&robot, None).unwrap(), Uniform(9));
+        let (lower, upper) = (model.lower(), model.upper());
+        let inverse = PumaInverse::new(&model, PumaLengths::new(a2, a3, d4));
+        for _ in 0..100 {
+            let q = SVector::<f64, 6>::from_fn(|i, _| {
+                random.within(lower[i].max(-3.1), upper[i].min(3.1))
+            });
+            let X = model.forward_kinematics(&q);
+            for found in inverse.all(&X, &q) {
+                let Y = model.forward_kinematics(&found);
+                assert!((Y.p - X.p).norm() < 1e-9);
+                assert!(rotation_log(&(Y.R * X.R.transpose())).norm() < 1e-6);
+            }
+            // Joints 4 to 6 keep 0.05 rad from their limits, which a random posture does not.
+            let inner = (0..6).all(|i| q[i] > lower[i] + 0.05 && q[i] < upper[i] - 0.05);
+            if inner && libm::sin(q[4]).abs() > 1e-3 {
+                let nearest = inverse.nearest(&X, &q).unwrap();
+                assert!((nearest - q).amax() < 1e-5, "q itself is among them");
+            }
+        }
     }
 }
