@@ -338,7 +338,7 @@ pub(crate) fn assert_nothing_left(launcher: u32) {
     let left = (
         in_shared_memory(launcher),
         children_of_run(launcher),
-        programs_of(launcher),
+        programs_of(launcher, "watch"),
     );
     assert_eq!(left, Default::default(), "files, processes, programs");
 }
@@ -368,10 +368,11 @@ pub(crate) fn children_of_run(launcher: u32) -> Vec<(String, i32)> {
 }
 
 /// Programs of others in a launcher's run, by their environment.
-pub(crate) fn programs_of(launcher: u32) -> Vec<i32> {
+pub(crate) fn programs_of(launcher: u32, process: &str) -> Vec<i32> {
     let marker = format!("-{launcher}-");
     let is_run = |word: &Cow<'_, str>| word.starts_with("ARMPLANE_RUN=") && word.contains(&marker);
-    let is_of_others = |word: &Cow<'_, str>| word == "ARMPLANE_PROCESS=watch";
+    let own = format!("ARMPLANE_PROCESS={process}");
+    let is_of_others = |word: &Cow<'_, str>| *word == own;
     processes("environ", |pid, words| {
         (words.iter().any(is_run) && words.iter().any(is_of_others)).then_some(pid)
     })

@@ -3,8 +3,8 @@
 use std::io::{BufRead, BufReader};
 
 use crate::command::{
-    Desk, Known, Running, Said, children_of_run, lacks, programs_of, restarts, skipped, source,
-    until,
+    Desk, Known, Running, Said, children_of_run, is_sent, lacks, programs_of, restarts, skipped,
+    source, until,
 };
 use crate::foreign::link;
 use crate::wire::wire;
@@ -248,11 +248,13 @@ fn the_descendants_of_a_program_end_with_the_run_or_a_killed_launcher() {
     with_descendants("sleep 602");
     let run = desk.start("run short.toml --no-record");
     let id = run.id();
-    until("the program to start others", || programs_of(id).len() >= 4);
+    until("the program to start others", || {
+        programs_of(id, "watch").len() >= 4
+    });
     run.signal("KILL");
     run.finish();
     until("the program and its descendants to go", || {
-        programs_of(id).is_empty() && children_of_run(id).is_empty()
+        programs_of(id, "watch").is_empty() && children_of_run(id).is_empty()
     });
     desk.succeeds("clean");
     crate::command::assert_nothing_left(id);
@@ -328,7 +330,8 @@ fn killed_behind_a_cut(desk: &Desk, program: &str) -> Said {
     desk.file("estimator.py", program);
     let run = desk.begin("run short.toml --set segment.0.duration_s=30 --json --out killed");
     until("the cut", || run.ticks() > 2200);
-    run.strike("estimator", "KILL");
+    let estimator = programs_of(run.id(), "estimator");
+    assert!(is_sent(estimator[0], "KILL"));
     run.finish()
 }
 
