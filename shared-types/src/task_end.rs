@@ -2,6 +2,7 @@
 //! time limit. PURE.
 
 use crate::codes::{PHASE_DONE, PHASE_REFUSED, PHASE_RUNNING};
+use crate::scenario::Scenario;
 
 /// Time for the arm to come to rest after the controller has refused to continue; s.
 const REFUSED_S: u64 = 2;
@@ -18,6 +19,15 @@ pub struct TaskEnd {
 impl TaskEnd {
     /// The governor may stretch a task to this many times its planned length, and no run is longer.
     pub const LONGEST: u32 = 20;
+
+    /// Before the first command of a scenario: its run has at most the ticks of the interrupted session that it repeats, or [`LONGEST`](Self::LONGEST)
+    /// times the planned ones.
+    #[must_use]
+    pub fn of(scenario: &Scenario) -> Self {
+        let planned_s = f64::from(Self::LONGEST) * scenario.duration_s();
+        let longest = (planned_s * f64::from(scenario.rate_hz)).round() as u64;
+        Self::new(scenario.rate_hz, scenario.at_most(longest))
+    }
 
     /// Before the first command of a run of `rate_hz` ticks per second and at most `limit` ticks.
     #[must_use]

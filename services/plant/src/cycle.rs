@@ -63,10 +63,6 @@ impl<const N: usize> Cycle<N> {
         // The drives' model is the description's, without the simulated deviation from it.
         let known = Model::new(robot, scenario.frame())?;
         let start = embedded(&start);
-        let longest = scenario.at_most(
-            (f64::from(TaskEnd::LONGEST) * scenario.duration_s() * f64::from(scenario.rate_hz))
-                .round() as u64,
-        );
         let drive = Drive::new(known, scenario.rate_hz, options.hold_ticks, &start);
         let cycle = Self {
             encoders: Encoders::new(
@@ -83,7 +79,7 @@ impl<const N: usize> Cycle<N> {
             drive,
             hardware_faults: HardwareFaults::new(scenario.dt_s()),
             contradicted: false,
-            end: TaskEnd::new(scenario.rate_hz, longest),
+            end: TaskEnd::of(scenario),
             ticks: 0,
             diverged: false,
         };

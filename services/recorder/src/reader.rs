@@ -467,7 +467,7 @@ impl RecordReader {
                 .filter(|message| message.len() == layout.bytes)
                 .ok_or(Refusal::Damaged)?,
             None if channel == layouts.len() => data,
-            None if channel == self.contents.extra()[2] => {
+            None if channel == self.contents.extra()[2] && self.cuts.is_some() => {
                 let cut = Cut::read(self.contents.tick_at(time_ns), data);
                 chunk.cuts.push(cut.ok_or(Refusal::Damaged)?);
                 return Ok(());

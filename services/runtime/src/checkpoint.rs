@@ -20,18 +20,12 @@ struct Head {
     bytes: [AtomicU64; 2],
 }
 
-struct Slots {
+pub(crate) struct Slots {
     file: Mapped,
     /// Most bytes of a state.
     most: usize,
     /// A state has been written since the last commit.
     is_written: Cell<bool>,
-}
-
-/// State that is committed when a tick closes.
-pub(crate) trait Commit {
-    /// Commits the state written for the tick in hand, if any.
-    fn commit(&self);
 }
 
 /// The state that was committed last in a cell; `None` where there is no cell, or nothing in it.
@@ -74,6 +68,15 @@ impl Slots {
         Ok(Some(state.to_vec()))
     }
 
+    /// Commits the state written for the tick in hand, if any.
+    pub(crate) fn commit(&self) {
+        if !self.is_written.replace(false) {
+            return;
+        }
+        let commits = self.head().commits.load(Ordering::Relaxed);
+        self.head().commits.store(commits + 1, Ordering::Release);
+    }
+
     fn head(&self) -> &Head {
         // SAFETY: mapped for the life of `self`, aligned as a page is, and all of it atomic.
         unsafe { self.file.start().cast().as_ref() }
@@ -85,16 +88,6 @@ impl Slots {
             let first = self.file.start().as_ptr().add(size_of::<Head>());
             first.add((number % 2) as usize * self.most)
         }
-    }
-}
-
-impl Commit for Slots {
-    fn commit(&self) {
-        if !self.is_written.replace(false) {
-            return;
-        }
-        let commits = self.head().commits.load(Ordering::Relaxed);
-        self.head().commits.store(commits + 1, Ordering::Release);
     }
 }
 
@@ -122,8 +115,9 @@ impl StateCell {
         self.slots.commit();
     }
 
-    pub(crate) fn committer(&self) -> Rc<dyn Commit> {
-        Rc::clone(&self.slots) as Rc<dyn Commit>
+    /// Its slots, to be committed when a tick closes.
+    pub(crate) fn slots(&self) -> Rc<Slots> {
+        Rc::clone(&self.slots)
     }
 
     /// The state of the last tick that the incarnation before sent completely; `None` in a first incarnation.
@@ -163,7 +157,7 @@ mod tests {
         assert!(cell.previous().is_none() && !cell.write(&[0; 10]));
         for tick in 4..6 {
             assert!(cell.write(&[tick; 4]));
-            cell.committer().commit();
+            cell.commit();
         }
         assert!(cell.write(&[105; 5]));
         assert_eq!((found(), found()), (Some(vec![5; 4]), Some(vec![5; 4])));
@@ -175,7 +169,7 @@ mod tests {
         let open = || StateCell::open(&run.path().join("c"), 8);
         let mut cell = open().unwrap();
         assert!(cell.write(&[1; 8]));
-        cell.committer().commit();
+        cell.commit();
         assert_eq!(open().unwrap().previous(), Some(&[1; 8][..]));
         cell.slots.head().bytes[0].store(9, Ordering::Relaxed);
         assert!(open().is_err());

@@ -10,7 +10,8 @@ use std::time::Duration;
 use shared_types::wire::Header;
 
 use crate::bus::node::Bus;
-use crate::checkpoint::Commit;
+use crate::bus::writer::Sending;
+use crate::checkpoint::Slots;
 use crate::clock::now_ns;
 use crate::control_page::{ControlPage, ProcessEntry, Stop};
 use crate::disturbance::Pauses;
@@ -87,9 +88,9 @@ enum Patience {
 pub(crate) struct Attached {
     /// The ports to connect at the start.
     pub(crate) ports: RefCell<Vec<Rc<dyn Connect>>>,
-    pub(crate) outlets: RefCell<Vec<Rc<dyn Closing>>>,
+    pub(crate) outlets: RefCell<Vec<Rc<Sending>>>,
     /// The checkpoint to commit when a tick closes.
-    pub(crate) checkpoints: RefCell<Vec<Rc<dyn Commit>>>,
+    pub(crate) checkpoint: RefCell<Option<Rc<Slots>>>,
     /// The outputs sent of a tick, a bit each.
     outputs_sent: Cell<(u64, u32)>,
 }
@@ -262,11 +263,8 @@ impl Context {
     /// Commits the checkpoint that was written for the tick in hand.
     #[inline]
     pub(crate) fn commit(&self) {
-        self.attached
-            .checkpoints
-            .borrow()
-            .iter()
-            .for_each(|checkpoint| checkpoint.commit());
+        let checkpoint = self.attached.checkpoint.borrow();
+        checkpoint.iter().for_each(|slots| slots.commit());
     }
 
     pub(crate) fn port_failed(
@@ -353,7 +351,7 @@ impl Context {
         self.report_progress();
     }
 
-    pub(crate) fn add_outlet(&self, outlet: Rc<dyn Closing>) {
+    pub(crate) fn add_outlet(&self, outlet: Rc<Sending>) {
         self.attached.outlets.borrow_mut().push(outlet);
     }
 }
@@ -361,16 +359,4 @@ impl Context {
 /// A port that can connect to its counterparts at a time of the shell's choosing, not in the first tick.
 pub(crate) trait Connect {
     fn connect(&self, context: &Context) -> Result<(), Interrupted>;
-}
-
-/// An end of the process that a closing tick concerns: messages held back for it are sent, and its readers are woken.
-pub(crate) trait Closing {
-    /// Its topic.
-    fn topic(&self) -> &'static str;
-    /// Sends the messages due at `tick` or before.
-    fn flush(&self, tick: u64);
-    /// Drops the messages held back: the process has died as planned.
-    fn forget(&self);
-    /// Wakes the readers.
-    fn ring(&self);
 }

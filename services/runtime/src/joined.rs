@@ -97,7 +97,7 @@ impl Joined {
         let (inputs, outputs) = ports::open(&shell, &job.graph, process)?;
         let source = (role == Role::World).then(|| Source {
             ticks: shell.tick_source(shell.manifest().from),
-            end: task_end(&job),
+            end: TaskEnd::of(&job.scenario),
             is_last: false,
         });
         let most = MOST_STATE + kept::most(&inputs, &outputs);
@@ -376,14 +376,6 @@ impl Joined {
         }
         Ok(None)
     }
-}
-
-fn task_end(job: &Job) -> TaskEnd {
-    let planned = job.scenario.planned_ticks();
-    TaskEnd::new(
-        job.scenario.rate_hz,
-        u64::from(TaskEnd::LONGEST).saturating_mul(planned),
-    )
 }
 
 fn limit(process: &Process) -> Duration {

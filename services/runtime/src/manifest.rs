@@ -123,14 +123,6 @@ pub enum ManifestError {
         /// The rate asked for.
         rate_hz: u32,
     },
-    /// Two processes share a name, or two write one topic.
-    #[error("{what} {name:?} occurs twice in the graph; it must be one process's alone")]
-    Twice {
-        /// The repeated name.
-        what: &'static str,
-        /// Its name.
-        name: String,
-    },
 }
 
 impl Manifest {
@@ -268,21 +260,7 @@ impl Manifest {
                 rate_hz: self.rate_hz,
             });
         }
-        let twice = |what, mut names: Vec<&String>| {
-            names.sort_unstable();
-            match names.windows(2).find(|pair| pair[0] == pair[1]) {
-                Some(pair) => Err(ManifestError::Twice {
-                    what,
-                    name: pair[0].clone(),
-                }),
-                None => Ok(()),
-            }
-        };
-        twice("process", self.processes.iter().map(|p| &p.name).collect())?;
-        twice(
-            "writer of topic",
-            self.processes.iter().flat_map(|p| &p.writes).collect(),
-        )
+        Ok(())
     }
 }
 
@@ -342,13 +320,6 @@ mod tests {
     fn contradictions_are_refused() {
         let run = RunDir::create().unwrap();
         let refused = |rate_hz, processes| manifest(rate_hz, processes).write(&run).unwrap_err();
-        let same = |names: [&str; 2]| names.map(|name| process(name, &[], &["sensor"])).to_vec();
-        for names in [["a", "b"], ["a", "a"]] {
-            assert!(matches!(
-                refused(1, same(names)),
-                ManifestError::Twice { .. }
-            ));
-        }
         let crowd = (0..=MAX_PROCESSES).map(|i| process(&i.to_string(), &[], &[]));
         assert!(matches!(
             refused(1, crowd.collect()),

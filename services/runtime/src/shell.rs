@@ -315,11 +315,7 @@ impl Shell {
             source,
         };
         let cell = StateCell::open(&path, most).map_err(failed)?;
-        shared
-            .attached
-            .checkpoints
-            .borrow_mut()
-            .push(cell.committer());
+        shared.attached.checkpoint.replace(Some(cell.slots()));
         Ok(cell)
     }
 

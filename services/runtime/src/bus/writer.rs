@@ -14,7 +14,7 @@ use shared_types::wire::Header;
 use crate::bus::format::Format;
 use crate::bus::port::{Outgoing, Sender};
 use crate::clock::now_ns;
-use crate::context::{Closing, Context};
+use crate::context::Context;
 use crate::control_page::Count;
 use crate::control_page::live_statistics::{Note, note_of};
 
@@ -56,7 +56,7 @@ pub(crate) struct Outlet {
 }
 
 /// The exit for messages of the process, with the faults that affect them.
-struct Sending {
+pub(crate) struct Sending {
     shared: Rc<Context>,
     format: Format,
     /// Its place among the process's outputs.
@@ -89,7 +89,7 @@ impl Outlet {
             readers: shared.manifest.woken_by(name).collect(),
             shaper: RefCell::new(Shaper::new(corrupted_topic(writes) == Some(name))),
         });
-        shared.add_outlet(Rc::clone(&sending) as Rc<dyn Closing>);
+        shared.add_outlet(Rc::clone(&sending));
         Self {
             sending,
             loaned: None,
@@ -321,25 +321,27 @@ impl Sending {
                 self.deliver_copy(message)
             })
     }
-}
 
-impl Closing for Sending {
-    fn topic(&self) -> &'static str {
+    /// Its topic.
+    pub(crate) fn topic(&self) -> &'static str {
         self.format.topic
     }
 
-    fn flush(&self, tick: u64) {
+    /// Sends the messages due at `tick` or before.
+    pub(crate) fn flush(&self, tick: u64) {
         self.shaper.borrow_mut().flush(tick, |message| {
             // It fails where no memory is left: then the message is lost, as messages that faults hold back may be.
             let _ = self.deliver_copy(message);
         });
     }
 
-    fn forget(&self) {
+    /// Drops the messages held back: the process has died as planned.
+    pub(crate) fn forget(&self) {
         self.shaper.borrow_mut().die();
     }
 
-    fn ring(&self) {
+    /// Wakes the readers.
+    pub(crate) fn ring(&self) {
         for &reader in &self.readers {
             self.shared
                 .control_page
