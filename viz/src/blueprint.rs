@@ -49,7 +49,7 @@ pub(crate) const BAND_LINES: usize = 32;
 pub(crate) const MAGNIFIED: f32 = 50.0;
 /// Powers of ten of latencies, µs, and of errors, mm and degrees.
 const LATENCIES: Option<[f64; 2]> = Some([-0.6, 4.3]);
-const ERRORS: Option<[f64; 2]> = Some([-4.2, 2.2]);
+const ERRORS: Option<[f64; 2]> = Some([-4.2, 3.2]);
 
 /// What a layout depends on besides the run's facts.
 pub(crate) struct Subject<'a> {

@@ -79,17 +79,15 @@ impl Fault {
     /// `None` for one that has not come to pass.
     fn of(fault: &FaultSummary, rate_hz: u32) -> Option<Self> {
         let (lane, headline) = words(fault);
-        let ticks = |ms: f64| (ms * 1e-3 * f64::from(rate_hz)).ceil() as u64;
-        let planned = fault.plan.as_ref().and_then(|plan| plan.for_ticks);
+        let ticks = |length_s: f64| (length_s * f64::from(rate_hz)).ceil() as u64;
+        let plan = fault.plan.as_ref();
+        let planned = plan.and_then(|plan| plan.for_ticks.or(plan.for_s.map(ticks)));
         // A process that is gone has recovered when it sends again; a fault of messages, sensors or drives ends with its ticks.
-        let is_down = fault
-            .plan
-            .as_ref()
-            .is_none_or(|plan| plan.kind.takes_down());
-        let length = match (is_down, fault.recovered_ms) {
-            (true, None) => None,
-            (true, Some(ms)) => planned.or(Some(ticks(ms))),
-            (false, _) => planned,
+        let is_down = plan.is_none_or(|plan| plan.kind.takes_down());
+        let recovered = fault.recovered_ms.map(|ms| ticks(1e-3 * ms));
+        let length = match is_down {
+            true => recovered.map(|ticks| planned.unwrap_or(ticks)),
+            false => planned.or(plan.map(|plan| ticks(plan.kind.usual_length_s()))),
         };
         let until = length.map_or(u64::MAX, |length| fault.tick.saturating_add(length.max(1)));
         fault.occurred.then(|| Self {

@@ -19,7 +19,8 @@ use crate::strokes::{Frame, Stroke, strokes};
 
 /// Time by which the arrows and the ghost of a steered arm are ahead, s: the horizon of the law's prediction.
 const AHEAD_S: f32 = 0.5;
-/// The target's colour, and the ghost's.
+/// Colour of words about no singularity, to be read on dark and light; the target's, and the ghost's.
+const QUIET: Rgba = 0x8898b0ff;
 const ASKED: Rgba = 0xe8dc60ff;
 const GHOST: Rgba = 0x86d4aac8;
 /// Twist that is drawn; m/s, rad/s.
@@ -28,16 +29,16 @@ const LEAST: f32 = 1e-3;
 const PIECES: usize = 24;
 
 /// Words at the origin.
-fn label(text: &str) -> Points3D {
+fn label(text: &str, colour: Rgba) -> Points3D {
     Points3D::new([[0.0; 3]])
         .with_radii([Radius::new_ui_points(0.0)])
-        .with_colors([0xe8ecf4ff])
+        .with_colors([colour])
         .with_labels([text])
         .with_show_labels(true)
 }
 
 impl Recording<'_> {
-    /// The strokes of a picture, each written where it is another one, and the captions.
+    /// The strokes of a picture, each written where it is another one, and its captions.
     pub(super) fn draw_marks(&mut self, row: &TickRow, picture: &Picture) {
         let (tick, unit) = (row.tick, self.run.mark_size());
         let strokes = strokes(self.run, &self.scene.named, picture, unit);
@@ -66,9 +67,17 @@ impl Recording<'_> {
                 self.show(tick, path(stroke), key, lines);
             }
         }
+        self.draw_captions(row, picture);
+    }
+
+    /// The name stands at ζ's own end, what has become of it at the old one's. Several locks share a centre: the first speaks for all.
+    fn draw_captions(&mut self, row: &TickRow, picture: &Picture) {
+        let (tick, unit) = (row.tick, self.run.mark_size());
+        let inside = |i: &usize| picture.signs[*i].mark.is_inside();
+        let inside: Vec<usize> = (0..picture.signs.len()).filter(inside).collect();
         for (i, sign) in picture.signs.iter().enumerate() {
             let (mark, named) = (sign.mark, &self.scene.named[i]);
-            let name = named.name.clone();
+            let (name, colour) = (named.name.clone(), named.colour);
             if mark.look.presence != Presence::Hidden {
                 self.place(format!("{}{name}", entity::SINGULARITY), tick, mark.X_BS);
             }
@@ -77,33 +86,50 @@ impl Recording<'_> {
                 tick,
                 Placement::at(mark.X_BS.p),
             );
-            // The name stands at ζ's own end, what has become of it at the old one's.
-            let lost = match mark.is_inside() {
-                true => format!("{name}: cannot {}", lost(mark.look.angular)),
-                false => String::new(),
+            let lost = match inside.split_first() {
+                Some((first, [])) if *first == i => {
+                    format!("{name}: cannot {}", lost(mark.look.angular))
+                }
+                Some((first, _)) if *first == i => {
+                    let all = inside.iter().map(|i| self.scene.named[*i].name.as_str());
+                    all.collect::<Vec<_>>().join(", ") + ": locked"
+                }
+                _ => String::new(),
             };
             let end = mark.zeta() * (1.15 * unit * mark.size);
             let up = |end: Vec3| if end.z < 0.0 { -end } else { end };
-            self.caption(tick, &name, lost, mark.X_BS.p + up(end));
+            self.caption(tick, &name, lost, colour, mark.X_BS.p + up(end));
             let entry = sign.swept.first().copied().unwrap_or_default() * (1.25 * unit);
             let below = mark.X_BS.p - up(entry);
-            self.caption(tick, &format!("{name}_turned"), sign.note.clone(), below);
+            self.caption(
+                tick,
+                &format!("{name}_turned"),
+                sign.note.clone(),
+                colour,
+                below,
+            );
         }
         let reason = row
             .servo_state
             .map(|s| reason_text(s.reason, s.joint, s.upper).to_string());
         let words = reason.unwrap_or_else(|| turned_words(&picture.turned));
-        self.caption(tick, "now", words, picture.hand.p - Vec3::Z * (1.3 * unit));
+        self.caption(
+            tick,
+            "now",
+            words,
+            QUIET,
+            picture.hand.p - Vec3::Z * (1.3 * unit),
+        );
     }
 
     /// A caption at a place; empty words: none.
-    fn caption(&mut self, tick: u64, name: &str, words: String, at: Vec3) {
+    fn caption(&mut self, tick: u64, name: &str, words: String, colour: Rgba, at: Vec3) {
         let path = format!("{}{name}", entity::CAPTION);
         if !words.is_empty() {
             self.place(path.clone(), tick, Placement::at(at));
         }
         let key = Some(words.clone()).filter(|words| !words.is_empty());
-        self.show(tick, path, key, |_| label(&words));
+        self.show(tick, path, key, |_| label(&words, colour));
     }
 
     /// Of a steered run, the twist that its target asks for: an arrow as long as its way in half a second and an arc as wide as its turn; the line to the

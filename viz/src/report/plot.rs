@@ -11,7 +11,7 @@ use crate::tint::{hex, opacity};
 /// Room for labels at the left and below, and at the other sides for halves of labels.
 const LEFT: f64 = 190.0;
 const FOOT: f64 = 110.0;
-const EDGE: f64 = 40.0;
+const EDGE: f64 = 60.0;
 
 /// A line of a diagram; dashed: what is wanted, limits. Not a number: nothing is known there.
 #[derive(Clone, Debug)]
@@ -75,7 +75,7 @@ impl Plot {
         };
         let time = 0.0..self.end_s.max(1e-3);
         let x = |t_s: f64| (LEFT + share(t_s, &time) * (right - LEFT)).round();
-        let y = |place: f64| (bottom - share(place, &span) * (bottom - EDGE)).round();
+        let y = |place: f64| (bottom - share(place, &span) * (bottom - EDGE / 2.0)).round();
         let band = |stretch: &Range<f64>, colour| {
             let (from, to) = (x(stretch.start), x(stretch.end));
             json!([from, (to - from).max(8.0), hex(colour), opacity(colour)])
@@ -92,12 +92,12 @@ impl Plot {
             });
             json!({ "name": curve.name, "colour": hex(curve.colour), "dashed": curve.is_dashed, "path": path })
         });
-        let values = ticks(&span, (bottom - EDGE) / 136.0, self.is_logarithmic);
+        let values = ticks(&span, (bottom - EDGE / 2.0) / 136.0, self.is_logarithmic);
         let values = values.into_iter().map(|(place, label)| (y(place), label));
         let seconds = ticks(&time, (right - LEFT) / 248.0, false);
         let seconds = seconds.into_iter().map(|(t_s, label)| (x(t_s), label));
         json!({
-            "left": LEFT, "right": right, "top": EDGE, "bottom": bottom,
+            "left": LEFT, "right": right, "top": EDGE / 2.0, "bottom": bottom,
             "width": 4.0 * width, "height": 4.0 * height,
             "low": span.start, "high": span.end, "log": u8::from(self.is_logarithmic),
             "values": values.collect::<Vec<_>>(), "seconds": seconds.collect::<Vec<_>>(),
@@ -176,7 +176,7 @@ mod tests {
         let drawing = plot.drawing(350.0, 200.0);
         let path = drawing["lines"][0]["path"].as_str().expect("a path");
         assert_eq!(path.matches('M').count(), 2);
-        let y = (690.0 - 0.9 * (690.0 - EDGE)).round();
-        assert!(path.ends_with(&format!("L1360 {y}")), "{path}");
+        let y = (690.0 - 0.9 * (690.0 - EDGE / 2.0)).round();
+        assert!(path.ends_with(&format!("L1340 {y}")), "{path}");
     }
 }
