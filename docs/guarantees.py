@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """Runs the commands of every row of docs/guarantees.md, one after the other, as they stand in the table, and prints whether each row holds.
 
-    python3 docs/guarantees.py                  # all rows: hours, `armplane drill --soak 1800` alone takes 30 minutes
+    python3 docs/guarantees.py                  # all rows: hours
     python3 docs/guarantees.py --only drill     # rows with this word in a command
-    python3 docs/guarantees.py --skip "drill --soak" --skip "--kills"
+    python3 docs/guarantees.py --skip "drill --realtime" --skip "--kills"
     python3 docs/guarantees.py --short          # two minutes, after `cargo test`: that each filter names a test, and armplane's commands that are quick
 
 A row passes when each of its commands ends with exit code 0; one named behind "fails with" has to end with 1. The exit code is that of the worst row.
@@ -21,7 +21,7 @@ import time
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 PROGRAM = ROOT / "target/release/armplane"
 # Words of commands that take minutes.
-LONG = ["--soak", "--kills", "--without"]
+LONG = ["--realtime", "--kills", "--without"]
 
 
 def commands(cell):

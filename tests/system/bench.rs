@@ -82,55 +82,6 @@ fn only_the_rows_asked_for_are_measured_with_their_floor() {
     desk.refuses(2, &only("4097"), "4097");
 }
 
-/// A recorder that this machine leaves without a processor for seconds loses messages, and the soak must report it; nothing else may break.
-fn is_of_time(broken: &Value) -> bool {
-    ["lost", "rows", "files"].contains(&broken["check"].text())
-}
-
-#[test]
-fn a_short_soak_strikes_and_judges_and_leaves_nothing() {
-    let desk = Desk::new();
-    let said = desk.armplane("drill --soak 6 --seed 8 --set rate_hz=500 --json --out soak");
-    let soak = said.json();
-    let passed = soak["passed"] == true;
-    assert_eq!(said.code, i32::from(!passed), "{}", said.err);
-    let round = &soak["cells"][0];
-    assert!(round["ticks"].count() > 500, "{round}");
-    assert!(round["broken"].list().iter().all(is_of_time), "{round}");
-    let number = |key: &str| round["messages"][key].count();
-    let arrived: u64 = ["taken_in", "refused", "fenced", "lost"]
-        .map(number)
-        .iter()
-        .sum();
-    assert_eq!(number("sent"), arrived, "{}", round["messages"]);
-    let kinds = soak["kinds"].list().iter();
-    let times: u64 = kinds.map(|kind| kind["times"].count()).sum();
-    assert!(
-        times > 0 && times == crate::command::occurred(round) as u64,
-        "{round}"
-    );
-    assert_eq!(
-        desk.has("soak/round-001"),
-        !passed,
-        "what kept every guarantee is not kept"
-    );
-    assert_eq!(desk.read_json("soak/drill.json"), soak);
-}
-
-#[test]
-fn an_interrupted_soak_ends_cleanly() {
-    let desk = Desk::new();
-    let child = desk.begin("drill --soak 60 --json");
-    std::thread::sleep(std::time::Duration::from_secs(2));
-    let said = child.interrupt();
-    assert_eq!(said.code, 1, "{}", said.err);
-    let soak = said.json();
-    soak.holds(r#"{"interrupted": "SIGINT"}"#);
-    let cells = soak["cells"].list().iter();
-    let mut broken = cells.flat_map(|round| round["broken"].list());
-    assert!(broken.all(is_of_time), "{soak}");
-}
-
 #[test]
 fn an_interrupted_bench_leaves_nothing() {
     let desk = Desk::new();

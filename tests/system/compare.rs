@@ -76,7 +76,7 @@ fn lines_through_exactly_singular_postures_of_an_arm_reach_their_goals() {
         desk.read_json("out/compare.json"),
         "said and saved alike"
     );
-    let lines = told["sweep"]["lines"].list();
+    let lines = told["scenarios"][0]["laws"][0]["lines"].list();
     for (line, lock) in lines.iter().zip(["elbow", "wrist", "overhead"]) {
         assert_eq!(line["singularities"], lock);
         line.holds(r#"{"outcome": "reached"}"#);

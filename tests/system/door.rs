@@ -64,8 +64,9 @@ fn no_result_is_written_behind_a_link_or_into_a_pipe() {
     }
     desk.pipe("pipe");
     desk.refuses(1, "report r --out pipe", "pipe");
-    desk.link("all/history-1", "out");
-    desk.refuses(2, "verify short.toml --kills 1 --out all", "history-1");
+    std::fs::remove_dir(desk.at("all/run-1")).unwrap();
+    desk.link("all/run-1", "out");
+    desk.refuses(2, "verify short.toml --kills 1 --out all", "run-1");
     // What the user holds is written to.
     let page = desk.succeeds("report r --out /dev/stdout");
     assert!(page.out.contains("</html>"));
@@ -125,7 +126,7 @@ fn shown(desk: &Desk, args: &str, no_color: &str) -> [String; 2] {
 }
 
 #[test]
-fn codes_from_outside_are_shown_and_colours_go_to_terminals_only() {
+fn codes_from_outside_are_left_out_and_colours_go_to_terminals_only() {
     let desk = Desk::new();
     desk.file("red.toml", "\"\x1b[31;7m\u{202e}\" = 1\n[task\n");
     for args in [
@@ -137,7 +138,6 @@ fn codes_from_outside_are_shown_and_colours_go_to_terminals_only() {
         for text in shown(&desk, args, "") {
             let has = |part: &str| text.contains(part);
             assert!(!has("\x1b[31;7m") && !has("\u{202e}"), "{args}: {text:?}");
-            assert!(has("u001b[31;7m") && has("u202e"), "{args}: {text:?}");
         }
     }
     for args in ["--help", "run --unknown", "run red.toml"] {
@@ -155,7 +155,7 @@ fn an_experiment_removes_files_of_runs_only() {
         "d/run/sub/x",
         "d/run/report.html",
         "v/run-1/notes",
-        "v/history-1/live/notes",
+        "v/run-2/notes",
     ];
     for name in own {
         desk.file(name, "mine");
@@ -166,7 +166,6 @@ fn an_experiment_removes_files_of_runs_only() {
     for name in own {
         assert_eq!(desk.read(name), "mine", "{name}");
     }
-    assert!(!desk.has("v/history-1/live/messages.mcap"));
     // Another program's summary makes no folder of a run, and is not replaced.
     desk.file("foreign/summary.json", "{}");
     desk.file("foreign/report.html", "mine");

@@ -57,7 +57,7 @@ fn files(folder: &str, kind: &str) -> Vec<String> {
 }
 
 /// A file of targets with a line of each kind.
-pub(crate) const TARGETS: &str = "# armplane targets 1, length mm
+const TARGETS: &str = "# armplane targets 1, length mm
 0, twist, hand, 0.2, 5 0 0 0 0 0.1
 0.1, pose, base, 1, 500 0 700 0 1 0 0, keep, 0.05
 0.2, posture, joints, 1, 0.1 0.2 0.3 0.4 0.5 0.6, positive

@@ -1,4 +1,4 @@
-//! Programs in other languages that observe a run, and how they end.
+//! A program in another language that observes a run, and how it ends.
 
 use std::io::{BufRead, BufReader};
 
@@ -16,25 +16,6 @@ fn watch(at_100: &str) -> Desk {
         "",
     );
     desk
-}
-
-#[test]
-fn an_observer_that_always_ends_is_named_with_each_of_its_deaths() {
-    if lacks("") {
-        return;
-    }
-    let said = watch("os.kill(os.getpid(), 9)").refuses(1, "run short.toml --no-record --json", "");
-    let summary = said.json();
-    // Five roll-backs, and the death that no other start follows.
-    let deaths = summary["faults"].list();
-    assert_eq!(deaths.len(), 6, "{deaths:?}");
-    for death in deaths {
-        death.holds(r#"{"process": "watch", "origin": "detected"}"#);
-        let at = format!(" at tick {}", death["tick"]);
-        assert!(death["detail"].text().contains(&at), "{death}");
-    }
-    let at = format!(" at tick {}", deaths[5]["tick"]);
-    assert!(summary["reason"].text().contains(&at), "{summary}");
 }
 
 #[test]

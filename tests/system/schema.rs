@@ -1,13 +1,6 @@
 //! The JSON Schemas of scenarios, graphs and `summary.json`, against the program that reads and writes them.
 
-use std::collections::BTreeSet;
-
-use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
-use shared_types::fault::Fault;
-use shared_types::graph::{Graph, Process};
-use shared_types::layout::DeclaredTopic;
-use shared_types::scenario as of;
 
 use crate::clients::python;
 use crate::command::{Desk, lacks, root, source};
@@ -108,56 +101,6 @@ assert not found, found
 print("good")
 "#;
     python(&desk, &[CHECK, code].concat());
-}
-
-/// The keys that serde names when it is given another one.
-fn taken<T: DeserializeOwned>() -> BTreeSet<String> {
-    let error = toml::from_str::<T>("zz = 1").err().expect("zz is no key");
-    let (_, listed) = error.message().split_once("expected").expect("a list");
-    listed
-        .split('`')
-        .skip(1)
-        .step_by(2)
-        .map(str::to_owned)
-        .collect()
-}
-
-#[test]
-fn each_table_of_a_scenario_or_graph_has_the_keys_that_the_program_takes() {
-    let schema = schema(&Desk::new(), "scenario");
-    let keys = |table: &Value| {
-        let table = table["properties"].as_object().expect("a table");
-        table.keys().cloned().collect::<BTreeSet<_>>()
-    };
-    assert_eq!(keys(&schema), taken::<of::Scenario>());
-    macro_rules! check {
-        ($($table:ident),*) => { $( assert_eq!(keys(&schema["$defs"][stringify!($table)]), taken::<of::$table>(), stringify!($table)); )* };
-    }
-    check!(
-        Start,
-        Segment,
-        Servo,
-        Slide,
-        Turn,
-        Reorient,
-        Plant,
-        Estimator,
-        Analysis,
-        Control,
-        Baseline,
-        Damping,
-        HoldAndBlend,
-        Goal,
-        View
-    );
-    assert_eq!(keys(&schema["$defs"]["Fault"]), taken::<Fault>());
-    let graph = self::schema(&Desk::new(), "graph");
-    assert_eq!(keys(&graph), taken::<Graph>());
-    assert_eq!(keys(&graph["$defs"]["Process"]), taken::<Process>());
-    assert_eq!(
-        keys(&graph["$defs"]["DeclaredTopic"]),
-        taken::<DeclaredTopic>()
-    );
 }
 
 #[test]

@@ -233,7 +233,6 @@ fn a_scenario_that_cannot_be_steered_says_why() {
         ("servo fig5-wrist-rotation", "fig5-wrist-rotation [servo]"),
         ("servo panda --from keyboard", "--from FILE, -"),
         // With the feature: there is none to be found.
-        ("servo panda --from gamepad", "gamepad"),
         ("servo panda --from topic", "`target`, --graph"),
     ]);
 }

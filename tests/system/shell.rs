@@ -5,22 +5,6 @@ use serde_json::Value;
 use crate::command::{Desk, Known};
 
 #[test]
-fn completions_are_those_of_the_commands() {
-    let desk = Desk::new();
-    for (shell, expected) in [
-        ("bash", "_armplane()"),
-        ("zsh", "#compdef armplane"),
-        ("fish", "complete -c armplane"),
-    ] {
-        let said = desk.succeeds(&format!("generate completions {shell}"));
-        assert_eq!(said.err.as_str(), "");
-        for words in [expected, "completions"] {
-            assert!(said.out.contains(words), "{shell}");
-        }
-    }
-}
-
-#[test]
 fn every_command_has_a_manual_page_and_no_process_has() {
     let desk = Desk::new();
     let said = desk.succeeds("generate man pages");

@@ -1,10 +1,10 @@
 //! `armplane compare`: every control law on the same plant, seed and task, side by side.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
-use lab::studies::compare::{self, ArmSweep, Compared, Law, Request, SWEEP, SweepSize};
+use lab::studies::compare::{self, Compared, Lines, Request, SWEEP};
 use serde_json::json;
 use session::{Failure, load};
 use shared_types::scenario::Strategy;
@@ -12,9 +12,6 @@ use shared_types::scenario::Strategy;
 use crate::out::{say, say_json, show};
 use crate::progress::observe;
 use session::table::count as plural;
-
-/// Seed of an arm's lines where none is given.
-const SEED: u64 = 1;
 
 #[derive(Args)]
 pub(crate) struct CompareArgs {
@@ -81,27 +78,39 @@ pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Fai
             "{option} needs the sweep: armplane compare sweep {option}"
         )));
     }
-    if let Some(robot) = &args.robot {
-        return lines_of_an_arm(args, robot, &laws[0], as_json);
-    }
-    let size = SweepSize {
+    let lines = Lines {
+        robot: args.robot.as_deref(),
+        settings: &args.set,
+        seed: args.seed,
         count: args.count,
+        pairs: args.pairs,
         speed: args.speed,
     };
     if let Some(folder) = &args.save_lines {
-        let count = compare::save_lines(folder, &args.set, args.seed, size)?;
-        return saved(folder, count, as_json);
+        let count = lines.save(folder, &observe)?;
+        if as_json {
+            say_json(&json!({"folder": folder, "lines": count}))?;
+        } else {
+            let (folder, lines) = (folder.display(), plural(count as u64, "line"));
+            say!("{folder}: {lines}, a scenario file each");
+        }
+        return Ok(ExitCode::SUCCESS);
     }
     let request = Request {
         scenarios: &args.scenarios,
-        laws: &laws,
-        settings: &args.set,
-        seed: args.seed,
+        // Of an arm's lines each has a row.
+        laws: if args.robot.is_some() {
+            &laws[..1]
+        } else {
+            &laws
+        },
         out: args.out.as_deref(),
-        size,
+        lines,
         plant: args.plant.as_deref(),
     };
+    let mut unreached = 0;
     let mut each = |compared: &Compared| {
+        unreached += compared.unreached().count() as u64;
         if !as_json {
             show(compared);
         }
@@ -109,60 +118,12 @@ pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Fai
     let (whole, folder) = compare::compare(&request, &observe, &mut each)?;
     if as_json {
         say!("{whole}");
-    } else {
-        say!("{}\n  compare.json", folder.display());
+        return Ok(ExitCode::SUCCESS);
     }
-    Ok(ExitCode::SUCCESS)
-}
-
-/// How many lines were saved, and where.
-fn saved(folder: &Path, count: usize, as_json: bool) -> Result<ExitCode, Failure> {
-    if as_json {
-        say_json(&json!({"folder": folder, "lines": count}))?;
-    } else {
-        say!(
-            "{}: {}, a scenario file each",
-            folder.display(),
-            plural(count as u64, "line")
-        );
-    }
-    Ok(ExitCode::SUCCESS)
-}
-
-/// Lines through exactly singular postures of one arm.
-fn lines_of_an_arm(
-    args: &CompareArgs,
-    robot: &str,
-    law: &Law,
-    as_json: bool,
-) -> Result<ExitCode, Failure> {
-    let sweep = ArmSweep {
-        robot,
-        law,
-        settings: &args.set,
-        seed: args.seed.unwrap_or(SEED),
-        count: args.count,
-        pairs: args.pairs,
-        speed: args.speed,
-        plant: args.plant.as_deref(),
-    };
-    if let Some(folder) = &args.save_lines {
-        return saved(folder, sweep.save_lines(folder, &observe)?, as_json);
-    }
-    let lines = sweep.run(&observe)?;
-    let folder = lines.save(args.out.as_deref())?;
-    if as_json {
-        say!("{}", lines.json());
-    } else {
-        show(&lines);
-        let others = match lines.unreached() {
-            0 => String::new(),
-            count => format!(
-                ", and {} that did not reach the goal, as scenarios",
-                plural(count as u64, "line")
-            ),
-        };
-        say!("{}\n  compare.json{others}", folder.display());
+    say!("{}\n  compare.json", folder.display());
+    if unreached > 0 {
+        let lines = plural(unreached, "line");
+        say!("  {lines} that did not reach the goal, as scenarios");
     }
     Ok(ExitCode::SUCCESS)
 }

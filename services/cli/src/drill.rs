@@ -6,6 +6,7 @@ use std::process::ExitCode;
 use clap::Args;
 use lab::faults::{self, Request, Without};
 use session::{Failure, load};
+use shared_types::job::Mode;
 
 use crate::out::{passed, say, say_json, show};
 use crate::progress::observe;
@@ -30,13 +31,13 @@ pub(crate) struct DrillArgs {
     /// Override a value of the scenario, for example control.k_p=900 (repeatable).
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Run in real time for this long instead, with random faults.
-    #[arg(long, value_name = "SECONDS", conflicts_with_all = ["only", "pairs", "graph", "without"], value_parser = clap::value_parser!(u64).range(1..=86_400))]
-    soak: Option<u64>,
+    /// Run in real time instead, and judge each run by itself.
+    #[arg(long)]
+    realtime: bool,
     /// Switch a protection off, to show that the drill then fails.
     #[arg(long, value_name = "PROTECTION")]
     without: Option<Protection>,
-    /// Save drill.json, a heat map (SVG and PNG), and the files of broken soak rounds here.
+    /// Save drill.json here.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }
@@ -50,22 +51,7 @@ enum Protection {
 
 pub(crate) fn drill(args: &DrillArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let _signals = session::interrupts()?;
-    let drilled = match args.soak {
-        Some(seconds) => {
-            let load::Loaded {
-                scenario, robot, ..
-            } = load::scenario(&args.scenario[0], &args.set, None)?;
-            faults::soak(
-                &robot,
-                &scenario,
-                seconds,
-                args.seed,
-                args.out.as_deref(),
-                &observe,
-            )?
-        }
-        None => faults::drill(&args.request(), &observe)?,
-    };
+    let drilled = faults::drill(&args.request(), &observe)?;
     if as_json {
         say_json(&drilled)?;
     } else {
@@ -74,10 +60,7 @@ pub(crate) fn drill(args: &DrillArgs, as_json: bool) -> Result<ExitCode, Failure
             .iter()
             .for_each(|out| say!("{}/drill.json", out.display()));
     }
-    match drilled.interrupted {
-        Some(signal) => Err(Failure::Work(format!("the soak was stopped by {signal}"))),
-        None => passed(drilled.passed),
-    }
+    passed(drilled.passed)
 }
 
 impl DrillArgs {
@@ -89,6 +72,10 @@ impl DrillArgs {
             seed: self.seed,
             settings: &self.set,
             graph: self.graph.as_deref(),
+            mode: match self.realtime {
+                true => Mode::Realtime,
+                false => Mode::Lockstep,
+            },
             without: self.without.map(|protection| match protection {
                 Protection::Hold => Without::Hold,
                 Protection::TorqueCheck => Without::TorqueCheck,

@@ -1,7 +1,5 @@
 //! The exit code of a failed command, and its error as a person or a machine reads it.
 
-use std::borrow::Cow;
-use std::ffi::OsStr;
 use std::io::{stderr, stdout};
 use std::process::ExitCode;
 
@@ -54,13 +52,13 @@ pub(crate) fn report(failure: Failure, as_json: bool) -> ExitCode {
                 Box::new(MietteHandlerOpts::new().color(false).build())
             }));
         }
-        // The file's own colours are escaped before ours are added, so its places move.
+        // The file's own codes are left out before colours are added, so its places move.
         let moved = |at| error.text.get(..at).map_or(at, |text| plain(text).len());
         let span = moved(span.start)..moved(span.end);
         let report = Report::from(
             MietteDiagnostic::new("").with_label(LabeledSpan::new_with_span(None, span)),
         );
-        let source = NamedSource::new(plain(&error.file), plain(&error.text).into_owned());
+        let source = NamedSource::new(plain(&error.file), plain(&error.text));
         let shown = format!("{:?}", report.with_source_code(source));
         // The sentence stands above the file's lines, which begin with a frame.
         let frame = shown.lines().skip_while(|line| !line.contains('╭'));
@@ -69,36 +67,25 @@ pub(crate) fn report(failure: Failure, as_json: bool) -> ExitCode {
     ExitCode::from(code)
 }
 
-/// Whether codes that a terminal obeys are among the arguments of this process.
-pub(crate) fn has_codes() -> bool {
-    let is_plain = |text: &OsStr| matches!(plain(&text.to_string_lossy()), Cow::Borrowed(_));
-    !std::env::args_os().all(|argument| is_plain(&argument))
-}
-
-/// Prints what is wrong with a command's arguments, or the help that was asked for. Arguments that have codes stand in a text without styles.
+/// Prints what is wrong with a command's arguments, or the help that was asked for.
 pub(crate) fn usage(error: &clap::Error) -> ExitCode {
     let code = u8::try_from(error.exit_code()).unwrap_or(2);
     let styled = error.render();
-    let words = |is_coloured: bool| match has_codes() {
-        true => plain(&styled.ansi().to_string()).into_owned(),
-        false if is_coloured => styled.ansi().to_string(),
+    // Codes among the arguments could not be told from ours.
+    let has_codes = std::env::args_os().any(|argument| {
+        let argument = argument.to_string_lossy();
+        argument.contains(char::is_control)
+    });
+    let words = |is_coloured: bool| match is_coloured && !has_codes {
+        true => styled.ansi().to_string(),
         false => styled.to_string(),
     };
     if !error.use_stderr() {
         show_painted(&words(is_coloured(&stdout())));
     } else if out::wants_json() {
-        // JSON escapes the codes itself.
-        let raw = if has_codes() {
-            styled.ansi().to_string()
-        } else {
-            words(false)
-        };
-        let text = with_remedy(&raw);
-        let message = text
-            .split("\n\n")
-            .next()
-            .unwrap_or_default()
-            .trim_start_matches("error: ");
+        let text = with_remedy(&words(false));
+        let message = text.split("\n\n").next().unwrap_or_default();
+        let message = message.trim_start_matches("error: ");
         tell(&json!({"error": {"kind": "usage", "exit_code": code, "message": message}}));
     } else {
         tell_painted(&with_remedy(&words(is_coloured(&stderr()))).trim_end());

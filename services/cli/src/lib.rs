@@ -1,7 +1,6 @@
 //! The command line of `armplane`: one file per command, which owns its arguments, what it prints, and its exit code.
 #![allow(non_snake_case)]
 
-mod arena;
 mod bench;
 mod clean;
 mod compare;
@@ -72,7 +71,7 @@ enum Command {
         after_help = "Examples:\n  armplane new mine && armplane run mine.toml\n  armplane new mine --robot my-arm.urdf"
     )]
     New(new::NewArgs),
-    /// Steer an arm by keyboard, gamepad, file or program.
+    /// Steer an arm by keyboard, file or program.
     #[command(
         long_about = "Moves an arm to targets as they arrive: twists, poses or joint positions. The arm keeps its limits, passes \
                       singularities, and reports at each tick what it does and why. It comes to rest when no new target arrives in time. Invalid \
@@ -155,12 +154,13 @@ enum Command {
                       continues an arena that was stopped.",
         after_help = "Examples:\n  armplane arena --size short\n  armplane arena --law armplane --law mine=mine.py --robot ur5\n  armplane arena --law pin_pink:k_p=400:k_v=40 --out runs/soft\n  armplane arena -- --help"
     )]
-    Arena(arena::ArenaArgs),
+    Arena(experiments::PythonArgs),
     /// Run a scenario under many settings on all cores, into Parquet.
     #[command(
         long_about = "Runs a scenario once per point of a grid or seeded sample over any keys of `armplane run --set`. Each run takes one \
                       thread and gives the same bytes as `armplane run`. It becomes a row of runs-*.parquet. If you stop a sweep, the \
                       same command continues it. Needs the Python package: pip install 'armplane[experiments]'.\n\n\
+                      Arguments: SWEEP.toml, --out DIR, --jobs THREADS, --dask ADDRESS; or report DIR, --by COLUMN, --map KEY,KEY, --worst N.\n\n\
                       SWEEP.toml:\n\n  \
                       name = \"gains\"\n  scenario = \"fig5-wrist-rotation\"   # or a file beside this one\n\n  \
                       [[key]]\n  key = \"control.k_p\"\n  values = [100, 400, 900]\n\n  \
@@ -168,14 +168,15 @@ enum Command {
                       [sample]                           # at random, instead of steps; or method = \"sobol\"\n  runs = 1000\n  seed = 1",
         after_help = "Examples:\n  armplane sweep gains.toml\n  armplane sweep report runs/gains --by orientation_max_deg --map control.k_p,plant.mass_factor\n  armplane sweep gains.toml --dask tcp://host:8786"
     )]
-    Sweep(experiments::SweepArgs),
+    Sweep(experiments::PythonArgs),
     /// Draw the paper's Figures 1 to 5 from fresh runs.
     #[command(
         long_about = "Runs the scenarios of Chang & Khatib's Figures 1 to 5 and draws postures, errors and joint motion. Saves each figure as \
-                      SVG, PDF and PNG, and the numbers as figures.json. Needs the Python package: pip install 'armplane[experiments]'.",
+                      SVG, PDF and PNG, and the numbers as figures.json. Needs the Python package: pip install 'armplane[experiments]'.\n\n\
+                      Arguments: --out DIR, --set KEY=VALUE.",
         after_help = "Examples:\n  armplane figures\n  armplane figures --out figures --set plant.encoder_bits=0"
     )]
-    Figures(experiments::FiguresArgs),
+    Figures(experiments::PythonArgs),
     /// List the runs that are alive: scenario, folder, tick.
     #[command(after_help = "Examples:\n  armplane ps\n  armplane ps --json")]
     Ps,
@@ -216,9 +217,8 @@ enum Command {
                       fault is injected live in mid-motion. The run is then repeated from its plan, which must give the same bytes.\n\n\
                       The simulator's true state is judged: torque and speed against their limits, age of the torque in force, largest \
                       torque step, distance from the fault-free path, and the final error. Lost messages and leftovers count too.\n\n\
-                      --soak runs the graph in real time instead, in rounds of a minute with random faults. A round that breaks a \
-                      guarantee keeps its files, with a scenario.toml of its faults.",
-        after_help = "Examples:\n  armplane drill\n  armplane drill --only controller:kill\n  armplane drill elbow-in-and-out --out drill\n  armplane drill --soak 1800 --out soak\n\nExit code 1: a guarantee was broken."
+                      With --realtime there is no repetition, and each run is judged by itself.",
+        after_help = "Examples:\n  armplane drill\n  armplane drill --only controller:kill\n  armplane drill elbow-in-and-out --out drill\n  armplane drill --realtime --out drill\n\nExit code 1: a guarantee was broken."
     )]
     Drill(drill::DrillArgs),
     /// List the built-in scenarios and robots.
@@ -306,12 +306,7 @@ pub fn main() -> ExitCode {
 }
 
 fn work() -> ExitCode {
-    let mut command = command();
-    if failure::has_codes() {
-        // Their colours could not be told from ours.
-        command = command.styles(clap::builder::Styles::plain());
-    }
-    let parsed = command
+    let parsed = command()
         .try_get_matches()
         .and_then(|matches| Cli::from_arg_matches(&matches));
     let (json, supervises) = match &parsed {
@@ -387,9 +382,9 @@ fn execute(cli: Cli) -> Result<ExitCode, session::Failure> {
         Command::Replay(args) => replay::replay(&args, json),
         Command::Bench(args) => bench::bench(&args, json),
         Command::Compare(args) => compare::compare(&args, json),
-        Command::Arena(args) => Err(arena::arena(args)),
-        Command::Sweep(args) => Err(experiments::sweep(&args, json)),
-        Command::Figures(args) => Err(experiments::figures(&args, json)),
+        Command::Arena(args) => Err(experiments::arena(args)),
+        Command::Sweep(args) => Err(experiments::experiment("sweep", args, json)),
+        Command::Figures(args) => Err(experiments::experiment("figures", args, json)),
         Command::Top(args) => top::top(&args, json),
         Command::BenchPeer(args) => bench::peer(&args),
         Command::Drill(args) => drill::drill(&args, json),

@@ -1,5 +1,5 @@
-//! A session that is steered while it lasts: by keys of a terminal in raw mode or by a gamepad, with a line of help and a line of state; or by lines
-//! from standard input. Each of them is a target for the operator's socket.
+//! A session that is steered while it lasts: by keys of a terminal in raw mode, with a line of help and a line of state; or by lines from standard
+//! input. Each of them is a target for the operator's socket.
 
 use std::io::{self, BufReader, Read};
 use std::os::unix::net::UnixDatagram;
@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use crossterm::terminal::{disable_raw_mode, enable_raw_mode};
 use lab::studies::steered;
-use operator::{Gamepad, Keys, LONGEST, Pad};
+use operator::{Keys, LONGEST};
 use runtime::{ControlPage, RunDir};
 use session::Failure;
 use session::table::count;
@@ -42,10 +42,9 @@ impl OperatorSocket {
     }
 }
 
-/// The last line of a terminal: what the arm does and why, until it is dropped. In raw mode where keys steer.
+/// The last line of a terminal in raw mode: what the arm does and why, until it is dropped.
 pub(crate) struct Panel {
     is_over: Arc<AtomicBool>,
-    is_raw: bool,
 }
 
 impl Panel {
@@ -59,18 +58,8 @@ impl Panel {
                 "cannot read single keys from the terminal: {error}"
             ))
         })?;
-        Self::show(run, Keys::HELP, true)
-    }
-
-    /// Shows a run that the gamepad steers.
-    pub(crate) fn of_gamepad(gamepad: &Gamepad, run: &RunDir) -> Result<Self, Failure> {
-        gamepad.steer(&run.path().join(Servo::SOCKET));
-        Self::show(run, Pad::HELP, false)
-    }
-
-    fn show(run: &RunDir, help: &str, is_raw: bool) -> Result<Self, Failure> {
         let page = ControlPage::open(run).map_err(Failure::work)?;
-        tell(&help);
+        tell(&Keys::HELP);
         let is_over = Arc::new(AtomicBool::new(false));
         let over = Arc::clone(&is_over);
         std::thread::spawn(move || {
@@ -81,7 +70,7 @@ impl Panel {
                 std::thread::sleep(EVERY);
             }
         });
-        Ok(Self { is_over, is_raw })
+        Ok(Self { is_over })
     }
 }
 
@@ -89,9 +78,7 @@ impl Drop for Panel {
     fn drop(&mut self) {
         self.is_over.store(true, Ordering::Relaxed);
         set_status(None);
-        if self.is_raw {
-            let _ = disable_raw_mode();
-        }
+        let _ = disable_raw_mode();
     }
 }
 

@@ -4,12 +4,11 @@
 //! mends deaths and answers Ctrl-C. A thread for each stream writes, in the order of the texts; one that is stuck holds the other up for a moment only.
 //! Lines on standard error for which there is no room are dropped and counted, and the count is printed as soon as there is room.
 //!
-//! Text of other programs may be in all of it (their last words, names, reasons), and with it codes that a terminal obeys: no control character reaches the
-//! terminal but the ends of lines, tabs, and where this program paints, colours.
+//! Text of other programs may be in all of it (their last words, names, reasons), and with it codes that a terminal obeys: control characters are left out, but
+//! for the ends of lines, tabs, and where this program paints, colours.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, VecDeque};
-use std::fmt::Write as _;
 use std::io::{ErrorKind, IsTerminal, Read, Write, stderr, stdout};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::process::ExitCode;
@@ -17,8 +16,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
-use icu_properties::CodePointSetData;
-use icu_properties::props::DefaultIgnorableCodePoint;
 use session::Failure;
 use session::table::count;
 use textwrap::core::{Word, display_width};
@@ -451,7 +448,7 @@ pub(crate) fn set_status(line: Option<String>) {
         // Whoever removes it a second time leaves the first removal to be done.
         let is_new = !(is_over && state.status.is_none());
         state.is_stale = state.has_status && !state.err.is_gone && (state.is_stale || is_new);
-        state.status = line.map(|line| plain(&line).into_owned());
+        state.status = line.map(|line| plain(&line));
         if is_over {
             CHANGED.notify_all();
         }
@@ -519,7 +516,16 @@ pub(crate) fn tell_painted(line: &impl std::fmt::Display) {
 
 /// Columns of the terminal.
 pub(crate) fn columns() -> usize {
-    crossterm::terminal::size().map_or(80, |size| usize::from(size.0).max(2))
+    size().0
+}
+
+/// Columns and rows of the terminal; 80 and 24 where there is none.
+pub(crate) fn size() -> (usize, usize) {
+    let size = [stdout().as_fd(), stderr().as_fd()]
+        .into_iter()
+        .find_map(|stream| rustix::termios::tcgetwinsize(stream).ok());
+    size.filter(|size| size.ws_col > 1 && size.ws_row > 0)
+        .map_or((80, 24), |size| (size.ws_col.into(), size.ws_row.into()))
 }
 
 /// Words between blanks; a command in backticks is one, so that it can be copied.
@@ -600,60 +606,28 @@ impl Write for Log {
     }
 }
 
-/// A text without control characters, marks of direction and letters without a shape: each is written as JSON writes it (`\u001b`), so that JSON stays JSON.
-pub(crate) fn plain(text: &str) -> Cow<'_, str> {
-    escaped(text, |_| 0)
+/// A text without control characters, but for the ends of lines and tabs, and without marks of direction.
+pub(crate) fn plain(text: &str) -> String {
+    // Marks of direction show a text in another order than it has.
+    let is_mark = |letter| matches!(letter, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
+    let is_code = |letter: char| letter.is_control() && !matches!(letter, '\n' | '\t');
+    let is_kept = |letter: &char| !is_code(*letter) && !is_mark(*letter);
+    text.chars().filter(is_kept).collect()
 }
 
-/// The same of a text in which colours may be.
-pub(crate) fn painted(text: &str) -> Cow<'_, str> {
-    /// Bytes of the colour (ESC [ numbers m) at the beginning of a text; 0 where there is none.
-    fn colour(text: &str) -> usize {
-        let Some(rest) = text.strip_prefix("\x1b[") else {
-            return 0;
-        };
-        let numbers = rest
-            .find(|letter: char| !(letter.is_ascii_digit() || letter == ';'))
-            .unwrap_or(rest.len());
-        if rest[numbers..].starts_with('m') {
-            text.len() - rest.len() + numbers + 1
-        } else {
-            0
-        }
-    }
-    escaped(text, colour)
-}
-
-/// A text with its control characters escaped but for the ends of lines, tabs, and as many bytes as `kept` wants from a place on.
-fn escaped(text: &str, kept: fn(&str) -> usize) -> Cow<'_, str> {
-    // Marks of direction show a text in another order than it has; letters without a shape and ends of lines of other scripts make two texts look alike.
-    let ignorable = CodePointSetData::new::<DefaultIgnorableCodePoint>();
-    let is_mark = |letter: char| {
-        matches!(letter, '\u{2028}' | '\u{2029}' | '\u{fff9}'..='\u{fffb}')
-            || ignorable.contains(letter)
+/// The same of a text in which colours may be, ESC [ numbers m.
+pub(crate) fn painted(text: &str) -> String {
+    let is_colour = |code: &str| {
+        let numbers = code.strip_prefix('[').unwrap_or_default();
+        let is_number = |letter: char| letter.is_ascii_digit() || letter == ';';
+        numbers.trim_start_matches(is_number).starts_with('m')
     };
-    let is_code =
-        |letter: char| letter.is_control() && !matches!(letter, '\n' | '\t') || is_mark(letter);
-    if !text.contains(is_code) {
-        return Cow::Borrowed(text);
-    }
-    let (mut written, mut rest) = (String::with_capacity(text.len() + 16), text);
-    while let Some(at) = rest.find(is_code) {
-        let (before, code) = rest.split_at(at);
-        written.push_str(before);
-        let (keep, one) = (kept(code), code.chars().next().map_or(0, char::len_utf8));
-        if keep > 0 {
-            written.push_str(&code[..keep]);
-        } else {
-            for unit in code[..one].encode_utf16() {
-                // Writing to a string does not fail.
-                let _ = write!(written, "\\u{unit:04x}");
-            }
-        }
-        rest = &code[keep.max(one)..];
-    }
-    written.push_str(rest);
-    Cow::Owned(written)
+    let mut parts = text.split('\x1b');
+    let first = plain(parts.next().unwrap_or_default());
+    parts.fold(first, |painted, part| {
+        let begin = if is_colour(part) { "\x1b" } else { "" };
+        painted + begin + &plain(part)
+    })
 }
 
 #[cfg(test)]
@@ -712,29 +686,8 @@ mod tests {
     fn no_code_that_a_terminal_obeys_is_left_but_colours_where_they_are_painted() {
         let hostile =
             "a\x1b]0;title\x07\x1b[2Jb\u{9b}31m\x7f\r\tend\n\x1b[1;31mred\x1b[0m\x1b[\x1b[3";
-        let all = "a\\u001b]0;title\\u0007\\u001b[2Jb\\u009b31m\\u007f\\u000d\tend\n";
-        assert_eq!(
-            plain(hostile),
-            format!("{all}\\u001b[1;31mred\\u001b[0m\\u001b[\\u001b[3")
-        );
-        assert_eq!(
-            painted(hostile),
-            format!("{all}\x1b[1;31mred\x1b[0m\\u001b[\\u001b[3")
-        );
-        let json = serde_json::json!({"reason": "\u{9b}\x7f\x1b"}).to_string();
-        assert_eq!(
-            serde_json::from_str::<serde_json::Value>(&plain(&json)).unwrap()["reason"],
-            "\u{9b}\x7f\x1b",
-            "JSON reads back"
-        );
-        assert!(matches!(plain("ζ = (0, 1)\n"), Cow::Borrowed(_)));
-        assert_eq!(plain("a\u{202e}b\u{2066}"), "a\\u202eb\\u2066");
-        assert_eq!(
-            plain("a\u{200b}b\u{2028}\u{e0001}"),
-            "a\\u200bb\\u2028\\udb40\\udc01"
-        );
-        let invisible =
-            "\u{34f}\u{115f}\u{1160}\u{180e}\u{2061}\u{3164}\u{fe0f}\u{ffa0}\u{fff9}\u{e0100}";
-        assert!(plain(invisible).is_ascii());
+        let all = "a]0;title[2Jb31m\tend\n";
+        assert_eq!(plain(hostile), format!("{all}[1;31mred[0m[[3"));
+        assert_eq!(painted(hostile), format!("{all}\x1b[1;31mred\x1b[0m[[3"));
     }
 }

@@ -9,7 +9,7 @@ use launcher::End;
 use session::{Failure, Finished, Place, Request, RunText, load};
 use shared_types::job::Mode;
 
-use crate::out::{passed, say, say_json, show};
+use crate::out::{passed, say_json, show};
 use crate::progress::observe;
 
 #[derive(Parser)]
@@ -122,17 +122,11 @@ pub(crate) fn conclude(finished: Finished, as_json: bool) -> Result<ExitCode, Fa
             summary: &summary,
             folder: &folder,
         });
-        if summary.servo.is_some() {
-            say!(
-                "  scenario.toml, targets.csv  run it again with `armplane run {}/scenario.toml`",
-                folder.display()
-            );
-        }
     }
     match (end, saved) {
         (End::Failed(failure), _) => Err(Failure::work(failure)),
         (_, Err(failure)) => Err(failure),
-        // For people the outcome is the first line of all; a program that keeps the summary may not look into it.
+        // For people the outcome is the last line; a program that keeps the summary may not look into it.
         (End::Interrupted { .. }, _) if as_json => Err(Failure::Work(format!(
             "{}: the run was {}",
             folder.display(),

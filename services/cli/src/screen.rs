@@ -54,12 +54,6 @@ impl Screen {
         }
     }
 
-    /// Columns and rows.
-    pub(crate) fn size() -> (usize, usize) {
-        crossterm::terminal::size()
-            .map_or((80, 24), |(columns, rows)| (columns.into(), rows.into()))
-    }
-
     /// Shows these lines.
     pub(crate) fn show(lines: &[String]) {
         let lines: Vec<_> = lines.iter().map(|line| painted(line)).collect();

@@ -6,7 +6,6 @@ use std::process::ExitCode;
 
 use clap::Args;
 use lab::studies::steered;
-use operator::Gamepad;
 use runtime::RunDir;
 use session::{Failure, Observer, Progress, Python, Request, Steering, Targets};
 use shared_types::job::Mode;
@@ -20,13 +19,9 @@ pub(crate) struct ServoArgs {
     /// A robot, URDF file, scenario, or scenario file; several robots with --seeds.
     #[arg(value_name = "ROBOT|SCENARIO", default_values_t = [DEFAULT.to_owned()])]
     subject: Vec<String>,
-    /// Source of the targets: a file (format in docs/servo.md), `-` for lines on standard input, `keyboard`, `gamepad` (if built in), or `topic` for a
-    /// process of the graph [default: the scenario's own].
-    #[arg(
-        long,
-        value_name = "FILE|-|keyboard|gamepad|topic",
-        conflicts_with = "random"
-    )]
+    /// Source of the targets: a file (format in docs/servo.md), `-` for lines on standard input, `keyboard`, or `topic` for a process of the
+    /// graph [default: the scenario's own].
+    #[arg(long, value_name = "FILE|-|keyboard|topic", conflicts_with = "random")]
     from: Option<String>,
     /// Random twists with this seed.
     #[arg(long, value_name = "SEED")]
@@ -65,7 +60,6 @@ const DEFAULT: &str = "servo-panda";
 
 /// Words of `--from`.
 const KEYBOARD: &str = "keyboard";
-const GAMEPAD: &str = "gamepad";
 const LINES: &str = "-";
 
 /// Duration of random twists, s.
@@ -99,8 +93,6 @@ pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure
             "standard input is not a terminal: use --from FILE, or --from - for lines",
         ));
     }
-    let gamepad = (from == Some(GAMEPAD)).then(Gamepad::open);
-    let gamepad = gamepad.transpose().map_err(Failure::Input)?;
     let request = Request {
         plant: args.plant.clone(),
         scenario: subject.clone(),
@@ -122,21 +114,20 @@ pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure
         operator.move_to(run);
         // The one before leaves the terminal as it was.
         drop(panel.take());
-        match (from, &gamepad) {
-            (Some(KEYBOARD), _) => {
+        match from {
+            Some(KEYBOARD) => {
                 panel = Some(Panel::of_keyboard(run)?);
                 if is_first {
                     read_keys(&operator)?;
                 }
             }
-            (_, Some(gamepad)) => panel = Some(Panel::of_gamepad(gamepad, run)?),
-            (Some(LINES), _) if is_first => lines.send(&operator, rate_hz)?,
+            Some(LINES) if is_first => lines.send(&operator, rate_hz)?,
             _ => {}
         }
         Ok(())
     };
     // The panel has the terminal's last line.
-    let has_panel = matches!(from, Some(KEYBOARD | GAMEPAD));
+    let has_panel = from == Some(KEYBOARD);
     let silent = |_: Progress<'_>| {};
     let shown: Observer<'_> = if has_panel { &silent } else { &observe };
     let finished = session::run_loaded(&request, loaded, &mut begin, shown);
@@ -151,7 +142,7 @@ fn targets(args: &ServoArgs) -> Targets {
         (_, Some(seed)) => Targets::Text(steered::twists(seed, args.duration.unwrap_or(RANDOM_S))),
         (None, None) => Targets::Scenario,
         (Some("topic"), _) => Targets::Process,
-        (Some(KEYBOARD | GAMEPAD | LINES), _) => Targets::Live,
+        (Some(KEYBOARD | LINES), _) => Targets::Live,
         (Some(file), _) => Targets::File(file.into()),
     }
 }

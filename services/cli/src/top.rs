@@ -9,7 +9,7 @@ use session::Failure;
 use session::observation::{Living, Observer};
 use session::observation_lines;
 
-use crate::out::{is_coloured, is_gone, say};
+use crate::out::{is_coloured, is_gone, say, size};
 use crate::screen::Screen;
 
 #[derive(Args)]
@@ -64,13 +64,9 @@ pub(crate) fn top(args: &TopArgs, as_json: bool) -> Result<ExitCode, Failure> {
                 serde_json::to_string(&observation).map_err(Failure::work)?
             );
         } else if screen.is_some() {
-            Screen::show(&observation_lines(
-                &observation,
-                is_coloured,
-                Screen::size(),
-            ));
+            Screen::show(&observation_lines(&observation, is_coloured, size()));
         } else {
-            observation_lines(&observation, false, (Screen::size().0, usize::MAX))
+            observation_lines(&observation, false, (size().0, usize::MAX))
                 .iter()
                 .for_each(|line| say!("{line}"));
         }

@@ -9,7 +9,7 @@ use std::os::unix::ffi::OsStrExt;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
-use runtime::{Exit, PROCESS_VARIABLE, RUN_VARIABLE};
+use runtime::{PROCESS_VARIABLE, RUN_VARIABLE};
 use rustix::process::{Pid, Signal, getpid, kill_process};
 
 /// A descendant that is being killed may start another one: so often its run is looked through.
@@ -80,26 +80,6 @@ impl Guard {
             child: spawn(command)?,
             run: run.to_owned(),
         })
-    }
-
-    /// Its process id.
-    pub fn pid(&self) -> u32 {
-        self.child.id()
-    }
-
-    /// If it has ended, starts `command` for its run in its place and returns its exit.
-    ///
-    /// # Errors
-    /// When it cannot be started.
-    pub fn replace(
-        &mut self,
-        command: impl FnOnce(&Path) -> std::io::Result<Command>,
-    ) -> std::io::Result<Option<Exit>> {
-        let Some(status) = self.child.try_wait()? else {
-            return Ok(None);
-        };
-        self.child = spawn(command(&self.run)?)?;
-        Ok(Some(Exit::from(status)))
     }
 }
 

@@ -70,8 +70,7 @@ impl Launcher {
     /// # Errors
     /// When shared memory cannot be used or the graph contradicts itself; nothing is left then.
     pub fn prepare(plan: Plan) -> Result<Self, LaunchError> {
-        let own: Vec<usize> = plan.messages.iter().map(|message| message.bytes).collect();
-        limits::check_limits(plan.children.len(), &own)?;
+        limits::raise_open_files();
         let course = Course {
             signals: Interrupts::catch().map_err(LaunchError::Signals)?,
             deaths: Vec::new(),
@@ -242,7 +241,6 @@ impl Course {
             processes,
             faults: faults.map(|(_, account)| account).collect(),
             deaths: self.deaths.clone(),
-            guards: Vec::new(),
             last_lines: started.last_lines.clone(),
         }
     }

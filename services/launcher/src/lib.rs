@@ -33,7 +33,7 @@ mod watch;
 pub use delay::Delay;
 pub use descendants::{Guard, end_descendants, guard};
 pub use launch::{Launcher, Ran};
-pub use limits::{Shortage, check_limits, with_room};
+pub use limits::with_room;
 pub use outcome::{Death, End, Failure, LaunchError, Outcome, ProcessOutcome};
 pub use plan::{Begin, Child, Event, Limits, Plan, Restart, reexec};
 pub use runtime::Exit;

@@ -8,8 +8,6 @@ use runtime::{
     ControlPageError, Exit, FaultRecord, MOST_FAULTS, ManifestError, RunDirError, TopicError,
 };
 
-use crate::limits::{Shortage, explain};
-
 /// Why a run could not be prepared; nothing of it is left.
 #[derive(Debug, thiserror::Error)]
 pub enum LaunchError {
@@ -26,7 +24,7 @@ pub enum LaunchError {
     #[error(transparent)]
     Topic(#[from] TopicError),
     /// A process.
-    #[error("cannot start {process} ({command}): {source}{}", explain(source))]
+    #[error("cannot start {process} ({command}): {source}")]
     Spawn {
         /// The process.
         process: String,
@@ -48,11 +46,8 @@ pub enum LaunchError {
     #[error("cannot catch SIGINT, SIGTERM and the like: {0}")]
     Signals(io::Error),
     /// No second thread.
-    #[error("cannot start a second thread of the launcher: {}{}", .0, explain(.0))]
+    #[error("cannot start a second thread of the launcher: {0}")]
     Sweeper(io::Error),
-    /// A limit of the shell is too small.
-    #[error(transparent)]
-    Limit(#[from] Shortage),
 }
 
 /// The failure of a run.
@@ -220,8 +215,6 @@ pub struct Outcome {
     pub faults: Vec<FaultRecord>,
     /// Deaths in lockstep that no plan had.
     pub deaths: Vec<Death>,
-    /// Deaths of a guard during the run, each with the ticks done by then.
-    pub guards: Vec<(u64, Exit)>,
     /// By process and tick of its end in real time: the last line that it wrote to its standard error.
     pub last_lines: Vec<(usize, u64, String)>,
 }

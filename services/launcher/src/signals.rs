@@ -11,8 +11,8 @@ use signal_hook::consts::{
 /// In real time the launcher, and a process until it has a priority of its own, come before ordinary work, so that a death is mended at once. Children
 /// inherit the priority.
 ///
-/// Several launchers, their threads and the processes that they start may share one core; equals take turns on it. With `SCHED_FIFO` here three soaks
-/// pinned to one core stood still, no signal ended their processes, and a change of the policy released them. The supposed cause, not shown: one
+/// Several launchers, their threads and the processes that they start may share one core; equals take turns on it. With `SCHED_FIFO` here three drills in
+/// real time pinned to one core stood still, no signal ended their processes, and a change of the policy released them. The supposed cause, not shown: one
 /// spins in the kernel for a lock, and keeps its equal that holds the lock from running.
 pub(crate) struct Urgency {
     is_raised: bool,

@@ -11,7 +11,6 @@ use rustix::time::Timespec;
 use crate::child;
 use crate::delay::Delay;
 use crate::launch::Fallen;
-use crate::limits;
 use crate::outcome::{LaunchError, ProcessOutcome};
 use crate::plan::{Commands, Event, Plan, Report};
 use crate::unfinished::Sweeper;
@@ -162,8 +161,7 @@ impl Supervised {
             let Some(exit) = child.try_wait() else {
                 continue;
             };
-            let (rest, mut last_words) = child.farewell();
-            last_words.extend(limits::suspected(exit));
+            let (rest, last_words) = child.farewell();
             slot.ears.push(Arc::clone(&child.ear));
             for line in &rest {
                 report(Event::Line {

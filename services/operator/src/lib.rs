@@ -3,10 +3,8 @@
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 mod cycle;
-mod gamepad;
 mod kept;
 mod keys;
-mod pad;
 mod settings;
 
 use std::io;
@@ -22,9 +20,7 @@ use shared_types::target_file::{live, unreadable};
 use shared_types::{Message, Target, TargetContent};
 
 pub use cycle::{Cycle, OperatorState};
-pub use gamepad::Gamepad;
 pub use keys::Keys;
-pub use pad::Pad;
 
 use kept::Kept;
 

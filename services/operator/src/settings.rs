@@ -1,4 +1,4 @@
-//! Frame, side and speed of the targets, as keys or buttons have set them. PURE.
+//! Frame, side and speed of the targets, as keys have set them. PURE.
 
 /// Steps of the speed, and its range.
 const STEP: f64 = 1.25;

@@ -1,6 +1,6 @@
 //! Runs on this thread, without processes: the module `armplane.trials` in Python names the arguments and the results.
 
-use lab::studies::compare::{ArmSweep, Law, SweepSize, near_lines};
+use lab::studies::compare::Lines;
 use lab::studies::steered::twists;
 use lab::trial::Trial;
 use pyo3::prelude::*;
@@ -90,28 +90,20 @@ pub(crate) fn draw_lines(
     settings: Vec<String>,
 ) -> PyResult<String> {
     let quiet = |_: Progress<'_>| ();
-    let own = Law::Own(Strategy::default());
-    let draw = || match kind {
-        "near" => near_lines(
-            &[&settings[..], &[format!("robot={robot}")]].concat(),
-            Some(seed),
-            SweepSize { count, speed },
-        ),
-        _ => {
-            let sweep = ArmSweep {
-                robot,
-                law: &own,
-                settings: &settings,
-                seed,
-                count,
-                pairs: kind == "two",
-                speed,
-                plant: None,
-            };
-            sweep.drawn(&quiet)
-        }
+    let is_near = kind == "near";
+    let settings = match is_near {
+        true => [&settings[..], &[format!("robot={robot}")]].concat(),
+        false => settings,
     };
-    let lines = py.detach(draw).map_err(refused)?;
+    let lines = Lines {
+        robot: (!is_near).then_some(robot),
+        settings: &settings,
+        seed: Some(seed),
+        count,
+        pairs: kind == "two",
+        speed,
+    };
+    let (.., lines) = py.detach(|| lines.drawn(&quiet)).map_err(refused)?;
     let line = |line: lab::studies::compare::Drawn| {
         let scenario = toml::to_string(&line.scenario).map_err(refused)?;
         Ok(json!({"singularities": line.singularities, "place": line.place, "scenario": scenario}))

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use launcher::{Death, Delay, Event, Exit, Interrupts, Launcher, Outcome, Plan, Ran};
+use launcher::{Death, Delay, Event, Interrupts, Launcher, Outcome, Plan, Ran};
 use model::Robot;
 use runtime::{FaultTable, RunDir};
 use shared_types::graph::Process;
@@ -150,7 +150,6 @@ pub fn launch_watched(
     // Before the first file of the run is made: from here on a signal ends the run, and the run removes what it has made.
     let _signals = interrupts()?;
     let mut launcher = Launcher::prepare(plan).map_err(Failure::work)?;
-    let mut guards = Vec::new();
     loop {
         let mut start = Start::set_up(job, &launcher, begin)?;
         let job = start.job.clone();
@@ -161,14 +160,11 @@ pub fn launch_watched(
                 start.take_account();
             }
             report(&event);
-            if let Event::Progress { ticks } = event {
-                start.replace_guard(ticks, &mut guards, report);
-            }
         });
         match ran.map_err(Failure::work)? {
             Ran::Ended(outcome) => {
                 let account = whole_account(&start.job, start.account)?;
-                return Ok((Outcome { guards, ..*outcome }, account));
+                return Ok((*outcome, account));
             }
             Ran::RolledBack(again) => launcher = *again,
         }
@@ -217,7 +213,7 @@ struct Start {
     account_path: PathBuf,
     /// The recorder's part of the summary.
     account: Option<Summary>,
-    guard: Option<launcher::Guard>,
+    _guard: Option<launcher::Guard>,
     /// What programs without a state have done before the cut.
     _past: Option<Past>,
 }
@@ -248,7 +244,7 @@ impl Start {
             job,
             account_path,
             account: None,
-            guard,
+            _guard: guard,
             _past: past,
         })
     }
@@ -256,33 +252,6 @@ impl Start {
     fn take_account(&mut self) {
         let text = std::fs::read(&self.account_path).ok();
         self.account = text.and_then(|text| serde_json::from_slice(&text).ok());
-    }
-
-    fn replace_guard(
-        &mut self,
-        ticks: u64,
-        guards: &mut Vec<(u64, Exit)>,
-        report: &mut dyn FnMut(&Event<'_>),
-    ) {
-        let Some(guard) = self.guard.as_mut().filter(|_| guards.len() < MOST_GUARDS) else {
-            return;
-        };
-        match guard.replace(|run| launcher::reexec(GUARD, run)) {
-            Ok(None) => {}
-            Ok(Some(exit)) => {
-                guards.push((ticks, exit));
-                report(&Event::Restarted {
-                    process: GUARD,
-                    exit,
-                    pid: guard.pid(),
-                    incarnation: guards.len() as u32 + 1,
-                });
-            }
-            Err(error) => report(&Event::Line {
-                process: GUARD,
-                line: &format!("cannot be started again: {error}"),
-            }),
-        }
     }
 }
 
@@ -307,9 +276,6 @@ fn write_job(job: &Job, run_dir: &Path) -> Result<(), Failure> {
     }
     Ok(())
 }
-
-/// Most replacements of a guard, so that a guard that keeps dying does not slow the run.
-const MOST_GUARDS: usize = 100;
 
 /// Makes a file that is there whole or not at all, whenever this process is killed.
 fn write_whole(path: &Path, text: &[u8]) -> std::io::Result<()> {

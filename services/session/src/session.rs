@@ -120,8 +120,6 @@ fn run_from(
     warning.map(named).iter().for_each(|warning| say(warning));
     // Before the first file is made; until then a signal ends the program at once.
     let signals = interrupts()?;
-    let own: Vec<usize> = graph.own_messages().map(|layout| layout.bytes).collect();
-    launcher::check_limits(graph.process.len(), &own).map_err(Failure::work)?;
     let results = Results::create(request.out.as_deref(), &scenario.name)?;
     let folder = results.folder.clone();
     origin.map_or(Ok(()), |origin| origin.spare(&folder))?;

@@ -13,7 +13,6 @@ use shared_types::summary::{
 };
 use shared_types::{Message, SensorSample, TorqueCommand};
 
-use crate::launch::GUARD;
 use crate::machine::machine;
 
 /// On every Linux.
@@ -278,14 +277,8 @@ fn unlisted(outcome: &Outcome) -> Vec<FaultSummary> {
             own.map_or_else(ended, ToString::to_string),
         )
     };
-    let guards = outcome.guards.iter().map(|(tick, exit)| {
-        let detail = format!("{GUARD} ended with {exit} at tick {tick} and was started again");
-        detected(GUARD, *tick, kind_of(*exit), detail)
-    });
     let processes = outcome.processes.iter().enumerate();
-    guards
-        .chain(processes.filter(is_missing).map(end))
-        .collect()
+    processes.filter(is_missing).map(end).collect()
 }
 
 /// A fault that stands in no fault table.

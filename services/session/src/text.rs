@@ -7,10 +7,10 @@ use shared_types::summary::{ServoSummary, Summary};
 use viz::RECORDING;
 use viz::digits;
 
-use crate::results::SUMMARY;
+use crate::results::{SCENARIO, SUMMARY};
 use crate::table::{count, number, table};
 
-/// The outcome of a run, its errors, singularities, limits, times and faults, and the files in its folder.
+/// The errors, singularities, limits, times and faults of a run, the files in its folder, and at last its outcome.
 #[derive(Debug)]
 pub struct RunText<'a> {
     /// Of the run.
@@ -22,18 +22,12 @@ pub struct RunText<'a> {
 impl fmt::Display for RunText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { summary, folder } = self;
-        writeln!(
-            f,
-            "{}: {} — {}\n",
-            summary.of.scenario, summary.outcome, summary.reason
-        )?;
         if let Some(from) = &summary.of.from {
-            writeln!(f, "from       {from}\n")?;
+            writeln!(f, "from       {from}")?;
         }
         // A run without a tick has no numbers.
         if summary.ticks > 0 {
             errors(f, summary)?;
-            turns(f, summary)?;
             loads(f, summary)?;
             if let Some(servo) = &summary.servo {
                 steered(f, servo)?;
@@ -70,52 +64,15 @@ fn errors(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
         number(digits(task.final_orientation_deg)),
     ]);
     writeln!(f, "{rows}")?;
-    let mut rows = table(&[
-        "singularity",
-        "type",
-        "min |s|",
-        "inside, ticks",
-        "ζ turned, °",
-    ]);
-    for singularity in &summary.singularities {
-        rows.add_row([
-            singularity.name.clone().into(),
-            singularity.class.clone().into(),
-            number(digits(singularity.s_min)),
-            number(singularity.inside_ticks),
-            number(digits(singularity.zeta_turned_deg)),
-        ]);
-    }
-    writeln!(f, "{rows}")
-}
-
-fn turns(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
-    for turn in &summary.turns {
-        // A joint that stays put has no sign.
-        let still = |by: f64| if by.abs() < 0.005 { 0.0 } else { by };
-        let joints = |moves: &[f64]| {
-            moves
-                .iter()
-                .enumerate()
-                .map(|(i, by)| match summary.joints.units.get(i) {
-                    Some(unit) if unit == "m" => format!("{:+.2} mm", still(by * 1e3)),
-                    _ => format!("{:+.2}°", still(by.to_degrees())),
-                })
-                .collect::<Vec<_>>()
-                .join(" ")
-        };
-        writeln!(f, "ζ turned   {} at tick {}", turn.singularity, turn.tick)?;
+    let entered = summary.singularities.iter();
+    for singularity in entered.filter(|one| one.inside_ticks > 0) {
         writeln!(
             f,
-            "           planned: joints by {} in {:.2} s",
-            joints(&turn.planned),
-            turn.planned_s
-        )?;
-        writeln!(
-            f,
-            "           actual:  joints by {} in {:.2} s",
-            joints(&turn.actual),
-            turn.actual_ticks as f64 / f64::from(summary.of.rate_hz.max(1))
+            "{:<10} {}, min |s| {}, inside for {}",
+            singularity.name,
+            singularity.class,
+            digits(singularity.s_min),
+            count(singularity.inside_ticks, "tick")
         )?;
     }
     Ok(())
@@ -184,22 +141,7 @@ fn times(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
         f,
         "deadlines  {} of {} ticks had torque in time, {} late, {} none",
         deadlines.in_time, deadlines.total, deadlines.late, deadlines.none
-    )?;
-    for (process, ticks) in &deadlines.by_cause {
-        writeln!(
-            f,
-            "           {process} was silent in {}",
-            count(*ticks, "tick")
-        )?;
-    }
-    for (cause, periods) in &deadlines.skipped {
-        writeln!(
-            f,
-            "skipped    {} without a tick: {cause}",
-            count(*periods, "period")
-        )?;
-    }
-    Ok(())
+    )
 }
 
 fn faults(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
@@ -258,7 +200,7 @@ fn files(f: &mut fmt::Formatter<'_>, summary: &Summary, folder: &Path) -> fmt::R
     if !summary.recorder.error.is_empty() {
         writeln!(f, "recording  {}", summary.recorder.error)?;
     }
-    writeln!(f, "\n{}", folder.display())?;
+    writeln!(f, "{}", folder.display())?;
     if folder.join(SUMMARY).exists() {
         writeln!(f, "  {SUMMARY:<13}  all numbers, for programs")?;
     }
@@ -278,5 +220,12 @@ fn files(f: &mut fmt::Formatter<'_>, summary: &Summary, folder: &Path) -> fmt::R
             folder.display()
         )?;
     }
-    Ok(())
+    if summary.servo.is_some() {
+        writeln!(
+            f,
+            "  {SCENARIO:<13}  and targets.csv: `armplane run` of it repeats the run"
+        )?;
+    }
+    let (scenario, outcome) = (&summary.of.scenario, &summary.outcome);
+    writeln!(f, "{scenario}: {outcome} — {}", summary.reason)
 }

@@ -7,7 +7,7 @@ use std::time::Instant;
 use chain::Sink;
 use launcher::{End, Exit, Failure as Mishap, Plan};
 use model::Robot;
-use recorder::{Contents, RecordError, RecordReader, tick_of};
+use recorder::{Contents, RecordError, RecordReader, RecordWriter, tick_of};
 use runtime::{ControlPage, RunDir};
 use serde::Serialize;
 use session::{Failure, Observer};
@@ -17,7 +17,7 @@ use shared_types::scenario::Scenario;
 use shared_types::summary::{Summary, TopicSummary};
 use shared_types::topics::{STEERED, TOPICS, Topic};
 
-use super::difference::{Difference, first_difference_in};
+use super::difference::{Difference, first_difference};
 use crate::signals::Background;
 use crate::trial::Hashes;
 
@@ -32,6 +32,9 @@ pub struct Ran {
     pub ticks_per_s: f64,
     /// Why it did not come to its end; empty when it did.
     pub failure: String,
+    /// Its deaths that no plan had, in words.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub deaths: Vec<String>,
     /// Each topic by its name.
     pub topics: BTreeMap<String, TopicSummary>,
     /// The process that ended it before its time, and how.
@@ -39,25 +42,15 @@ pub struct Ran {
     pub(super) ended_by: Option<(String, Exit)>,
 }
 
-/// A run in processes, with all that its launcher knows.
-pub(super) struct InProcesses {
-    pub(super) ran: Ran,
-    pub(super) summary: Summary,
-    /// The process that makes the ticks.
-    pub(super) source: String,
-}
-
 /// Runs a job; `beside` starts what goes on beside it, each time that all processes start.
 pub(super) fn in_processes(
     job: &Job,
     plan: Plan,
     condition: String,
-    beside: impl Fn(ControlPage) -> Vec<Background>,
+    mut beside: impl FnMut(ControlPage) -> Vec<Background>,
     observer: Observer<'_>,
-) -> Result<InProcesses, Failure> {
+) -> Result<(Ran, Summary), Failure> {
     let mut work = Vec::new();
-    let source = plan.children.iter().find(|child| child.ends_run);
-    let source = source.map_or_else(String::new, |child| child.process.name.clone());
     let mut begin = |run: &RunDir| {
         work.clear();
         work.extend(beside(ControlPage::open(run).map_err(Failure::work)?));
@@ -84,18 +77,37 @@ pub(super) fn in_processes(
         let summary = summary.topics.get(&layout.topic).cloned();
         (layout.topic.clone(), summary.unwrap_or_default())
     };
+    let deaths = summary.faults.iter();
+    let deaths = deaths.filter(|fault| fault.origin == "detected");
     let ran = Ran {
         condition,
         ticks: outcome.ticks,
         ticks_per_s: summary.pace.ticks_per_s,
         failure,
+        deaths: deaths.map(|fault| fault.detail.clone()).collect(),
         topics: Contents::of(job).layouts().iter().map(of).collect(),
         ended_by,
     };
-    Ok(InProcesses {
-        ran,
-        summary,
-        source,
+    Ok((ran, summary))
+}
+
+/// What a scenario gives without processes, shared memory and a clock.
+pub(super) fn on_one_thread(robot: &Robot, scenario: &Scenario) -> Result<Ran, Failure> {
+    let (began, mut hashes) = (Instant::now(), Hashes::default());
+    let ended = chain::run_under_faults(robot, scenario, &mut hashes).map_err(Failure::input)?;
+    let ticks = hashes.0[0].count();
+    let has = |topic: &str| scenario.servo.is_some() || !STEERED.contains(&topic);
+    let topics = TOPICS.iter().zip(&hashes.0).filter(|(topic, _)| has(topic));
+    Ok(Ran {
+        condition: "one thread, no shared memory".to_owned(),
+        ticks,
+        ticks_per_s: ticks as f64 / began.elapsed().as_secs_f64().max(1e-9),
+        failure: ended.unwrap_or_default(),
+        topics: topics
+            .map(|(topic, hash)| ((*topic).to_owned(), hash.summary()))
+            .collect(),
+        deaths: Vec::new(),
+        ended_by: None,
     })
 }
 
@@ -115,30 +127,47 @@ pub(super) fn record_of(folder: &Path, job: &Job) -> Result<Kept, Failure> {
     Ok(kept)
 }
 
-impl Kept {
-    /// Its messages from the beginning.
-    pub(super) fn read(&self) -> Result<RecordReader, RecordError> {
-        RecordReader::open(&self.path, &self.contents)
+/// The record that a job's run on one thread would leave, as a file in a folder.
+pub(super) fn record_on_one_thread(
+    folder: &Path,
+    job: &Job,
+    robot: &Robot,
+) -> Result<Kept, Failure> {
+    struct Keep<'a> {
+        writer: RecordWriter,
+        contents: &'a Contents,
+        error: Option<RecordError>,
     }
+    impl Sink for Keep<'_> {
+        fn take<M: Topic>(&mut self, message: &M) {
+            let channel = self.contents.channel(M::TOPIC);
+            if let Some(channel) = channel.filter(|_| self.error.is_none()) {
+                let message = bytemuck::bytes_of(message);
+                self.error = self.writer.append(channel, message).err();
+            }
+        }
+    }
+    let kept = Kept {
+        path: folder.join("one-thread.mcap"),
+        contents: Contents::of(job),
+    };
+    let mut keep = Keep {
+        writer: RecordWriter::create(&kept.path, &kept.contents).map_err(Failure::work)?,
+        contents: &kept.contents,
+        error: None,
+    };
+    chain::run_under_faults(robot, &job.scenario, &mut keep).map_err(Failure::input)?;
+    let Keep { writer, error, .. } = keep;
+    let finished = error.map_or_else(|| writer.finish(), Err);
+    finished.map_err(Failure::work)?;
+    Ok(kept)
 }
 
-/// What a scenario gives without processes, shared memory and a clock.
-pub(super) fn on_one_thread(robot: &Robot, scenario: &Scenario) -> Result<Ran, Failure> {
-    let (began, mut hashes) = (Instant::now(), Hashes::default());
-    let ended = chain::run_under_faults(robot, scenario, &mut hashes).map_err(Failure::input)?;
-    let ticks = hashes.0[0].count();
-    let has = |topic: &str| scenario.servo.is_some() || !STEERED.contains(&topic);
-    let topics = TOPICS.iter().zip(&hashes.0).filter(|(topic, _)| has(topic));
-    Ok(Ran {
-        condition: "one thread, no shared memory".to_owned(),
-        ticks,
-        ticks_per_s: ticks as f64 / began.elapsed().as_secs_f64().max(1e-9),
-        failure: ended.unwrap_or_default(),
-        topics: topics
-            .map(|(topic, hash)| ((*topic).to_owned(), hash.summary()))
-            .collect(),
-        ended_by: None,
-    })
+impl Kept {
+    /// Its messages from the beginning.
+    fn read(&self) -> Result<RecordReader, RecordError> {
+        RecordReader::open(&self.path, &self.contents)
+    }
 }
 
 /// The first place where two runs differ.
@@ -190,112 +219,45 @@ impl std::fmt::Display for Place {
     }
 }
 
-/// What a run is compared with.
-pub(super) enum Reference<'a> {
-    OneThread(&'a Robot, &'a Scenario),
-    /// The record of another run.
-    Run(Kept),
-}
-
-/// Reads the messages of a run beside those of the reference up to the first difference: the earliest, and of one tick the first in the order of the
-/// data, for it is the cause and the others follow from it.
-pub(super) fn first_place(
-    reference: &Reference<'_>,
-    record: &Kept,
-    run: usize,
-) -> Result<Option<Place>, Failure> {
-    let layouts = record.contents.layouts().iter().enumerate();
-    let mut followed = layouts
-        .map(|(channel, layout)| Followed::open(record, channel, layout.clone()))
-        .collect::<Result<Vec<_>, _>>()
-        .map_err(Failure::work)?;
-    match reference {
-        Reference::OneThread(robot, scenario) => {
-            struct Follow<'a>(&'a mut [Followed]);
-            impl Sink for Follow<'_> {
-                fn take<M: Topic>(&mut self, message: &M) {
-                    let one = self.0.iter_mut().find(|one| one.layout.topic == M::TOPIC);
-                    if let Some(one) = one {
-                        one.expect(bytemuck::bytes_of(message), message.header().tick);
-                    }
-                }
-            }
-            chain::run_under_faults(robot, scenario, &mut Follow(&mut followed))
-                .map_err(Failure::input)?;
-        }
-        Reference::Run(expected) => {
-            for one in &mut followed {
-                let mut messages = expected.read().map_err(Failure::work)?;
-                while let Some(message) = messages.next_of(one.channel) {
-                    one.expect(message, tick_of(message));
-                }
-            }
-        }
+/// Reads the messages of two runs beside each other up to the first difference: the earliest, and of one tick the first in the order of the data, for it is
+/// the cause and the others follow from it.
+pub(super) fn first_place(expected: &Kept, found: &Kept) -> Result<Option<Place>, Failure> {
+    let mut places = Vec::new();
+    for (channel, layout) in found.contents.layouts().iter().enumerate() {
+        let [expected, found] = [expected, found].map(|kept| kept.read().map_err(Failure::work));
+        places.extend(first_of(layout, channel, expected?, found?));
     }
-    let first = followed
-        .into_iter()
-        .filter_map(Followed::end)
-        .min_by_key(|place| place.tick);
-    Ok(first.map(|place| Place {
-        run: Some(run),
-        ..place
-    }))
+    Ok(places.into_iter().min_by_key(|place| place.tick))
 }
 
-/// A topic of a run, read beside the messages that are expected of it.
-struct Followed {
+/// The first difference of a topic; either run may lack what the other has.
+fn first_of(
+    layout: &MessageLayout,
     channel: usize,
-    layout: MessageLayout,
-    messages: RecordReader,
-    next: Option<Vec<u8>>,
-    first: Option<Place>,
-}
-
-impl Followed {
-    fn open(record: &Kept, channel: usize, layout: MessageLayout) -> Result<Self, RecordError> {
-        let mut messages = record.read()?;
-        Ok(Self {
-            next: messages.next_of(channel).map(<[u8]>::to_vec),
-            channel,
-            layout,
-            messages,
-            first: None,
-        })
-    }
-
-    /// Takes the next message of the reference; either may lack what the other has.
-    fn expect(&mut self, expected: &[u8], tick: u64) {
-        if self.first.is_some() {
-            return;
-        }
-        match &self.next {
-            Some(message) if tick_of(message) < tick => {
-                self.lacks(tick_of(message), ["none", "one"]);
-            }
-            Some(message) if tick_of(message) == tick => {
-                let found = first_difference_in(&self.layout.fields, expected, message);
-                self.first =
-                    found.map(|difference| Place::new(tick, &self.layout.topic, difference));
-                self.next = self.messages.next_of(self.channel).map(<[u8]>::to_vec);
-            }
-            _ => self.lacks(tick, ["one", "none"]),
-        }
-    }
-
-    /// The first difference, when the reference has no more messages.
-    fn end(mut self) -> Option<Place> {
-        if let Some(row) = self.next.take().filter(|_| self.first.is_none()) {
-            self.lacks(tick_of(&row), ["none", "one"]);
-        }
-        self.first
-    }
-
-    fn lacks(&mut self, tick: u64, [expected, found]: [&str; 2]) {
+    mut expected: RecordReader,
+    mut found: RecordReader,
+) -> Option<Place> {
+    let lacks = |tick: u64, values: [&str; 2]| {
+        let [expected, found] = values.map(str::to_owned);
         let difference = Difference {
             field: "the message".to_owned(),
-            expected: expected.to_owned(),
-            found: found.to_owned(),
+            expected,
+            found,
         };
-        self.first = Some(Place::new(tick, &self.layout.topic, difference));
+        Some(Place::new(tick, &layout.topic, difference))
+    };
+    loop {
+        let (one, other) = (expected.next_of(channel), found.next_of(channel));
+        let ticks = [one, other].map(|message| message.map_or(u64::MAX, tick_of));
+        match (one, other) {
+            (None, None) => return None,
+            (Some(one), Some(other)) if ticks[0] == ticks[1] => {
+                if let Some(difference) = first_difference(&layout.fields, one, other) {
+                    return Some(Place::new(ticks[0], &layout.topic, difference));
+                }
+            }
+            _ if ticks[0] < ticks[1] => return lacks(ticks[0], ["one", "none"]),
+            _ => return lacks(ticks[1], ["none", "one"]),
+        }
     }
 }

@@ -19,6 +19,12 @@ const BETWEEN_MS: u64 = 60;
 /// minutes.
 const BETWEEN_TICKS: u64 = 100;
 
+/// Starts of all processes in which some are killed: one death more from the same tick would end the run.
+const MOST_STARTS: u64 = 5;
+
+/// The longest time from the beginning of a start until a process is killed in it; ms.
+const LONGEST_START_MS: u64 = 60;
+
 /// Where the processes run.
 #[derive(Clone, Copy)]
 pub(super) enum Placement {
@@ -41,8 +47,10 @@ pub(super) enum Trouble {
     /// SIGSTOP for 50 to 500 ms, one process after the other.
     Stops,
     BusyCores,
+    /// SIGKILL of one process, several or all, at any moment of the run.
+    Kills,
 }
-use Trouble::{BusyCores, LateStarts, Nice, Pauses, Stops};
+use Trouble::{BusyCores, Kills, LateStarts, Nice, Pauses, Stops};
 
 /// The circumstances of one run.
 #[derive(Clone, Copy)]
@@ -68,6 +76,12 @@ pub(super) const CONDITIONS: [Condition; 6] = [
     condition(Placement::Free, &[BusyCores]),
 ];
 
+/// Nothing disturbs the run.
+pub(super) const UNDISTURBED: Condition = CONDITIONS[0];
+
+/// Processes die.
+pub(super) const KILLS: Condition = condition(Placement::Graph, &[Kills]);
+
 impl std::fmt::Display for Condition {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self.placement {
@@ -83,6 +97,7 @@ impl std::fmt::Display for Condition {
                 Pauses => ", pauses",
                 Stops => ", stopped for 50 to 500 ms",
                 BusyCores => ", busy cores",
+                Kills => ", killed",
             })?;
         }
         Ok(())
@@ -126,20 +141,80 @@ impl Condition {
         }
     }
 
-    /// What goes on beside a run of `count` processes.
-    pub(super) fn beside(&self, page: ControlPage, count: usize, seed: u64) -> Vec<Background> {
-        let mut work = if self.has(BusyCores) {
-            Background::load()
-        } else {
-            Vec::new()
-        };
-        if self.has(Stops) {
-            work.push(Background::start(move |over| {
-                stop_one_after_the_other(&page, count, seed, over)
+    /// What goes on beside a start of all processes, the first or a later one, for which the seed is another.
+    pub(super) fn beside(
+        &self,
+        page: ControlPage,
+        subject: Subject,
+        start: u64,
+        seed: u64,
+    ) -> Vec<Background> {
+        let mut work = Vec::new();
+        if self.has(BusyCores) {
+            work = Background::load();
+        }
+        let kills = self.has(Kills) && start <= MOST_STARTS;
+        if kills || self.has(Stops) {
+            work.push(Background::start(move |over| match kills {
+                true => kill_some(&page, subject, random(seed, start), over),
+                false => stop_one_after_the_other(&page, subject.count, seed, over),
             }));
         }
         work
     }
+}
+
+/// The run that is disturbed.
+#[derive(Clone, Copy)]
+pub(super) struct Subject {
+    /// How many processes it has.
+    pub(super) count: usize,
+    /// The place of that which makes the ticks.
+    pub(super) source: usize,
+    /// Ticks of the scenario.
+    pub(super) length: u64,
+}
+
+/// Kills processes at one moment of a start, or at none; the run may be over before it comes.
+fn kill_some(page: &ControlPage, subject: Subject, seed: u64, over: &Over) {
+    let mut drawn = 0;
+    let mut draw = |most: u64| {
+        drawn += 1;
+        random(seed, drawn) % most.max(1)
+    };
+    if draw(3) == 0 {
+        return;
+    }
+    let source = page.process(subject.source);
+    let has_come = match draw(6) {
+        // While the processes start, perhaps for the second time.
+        0 => over.rest(Duration::from_micros(draw(1_000 * LONGEST_START_MS))),
+        1 => {
+            over.wait(|| source.state() == State::Gone)
+                && over.rest(Duration::from_micros(draw(20_000)))
+        }
+        _ => {
+            let tick = draw(subject.length);
+            over.wait(|| source.ticks() > tick)
+        }
+    };
+    let most = subject.count as u64;
+    let victims = match draw(3) {
+        0 => 1 + draw(most),
+        1 => most,
+        _ => 1,
+    };
+    let first = draw(most);
+    let mut victims = (first..first + victims).map(|place| (place % most) as usize);
+    let _ = has_come
+        && victims.all(|victim| {
+            if let Some(child) = child(page.process(victim).pid()) {
+                // It fails if the process has just ended.
+                let _ = pidfd_send_signal(&child, Signal::KILL);
+            }
+            // All within two milliseconds.
+            over.rest(Duration::from_micros(draw(2_000 / most)))
+        });
 }
 
 /// Stops processes in a seeded order, for times at which a watchdog would call them dead.

@@ -11,7 +11,7 @@ use session::{Failure, Run};
 use shared_types::job::Job;
 use shared_types::summary::Summary;
 
-use super::compared::{Place, Reference, first_place, record_of};
+use super::compared::{Place, first_place, record_of};
 
 /// Most characters of a value that are shown to people.
 const LONGEST: usize = 80;
@@ -91,7 +91,7 @@ fn place(runs: &[(Job, Summary, PathBuf); 2]) -> Result<Option<Place>, Failure> 
     if first.contents.layouts() != second.contents.layouts() {
         return Err(Failure::input("their messages have different layouts"));
     }
-    first_place(&Reference::Run(first), &second, 2)
+    first_place(&first, &second)
 }
 
 /// The causes of a run, and how it ended.

@@ -2,10 +2,8 @@
 //! it differs.
 
 use std::collections::BTreeMap;
-use std::marker::PhantomData;
 use std::ops::Range;
 
-use shared_types::Message;
 use shared_types::layout::structure;
 use shared_types::wire::{Field, Stamps};
 
@@ -126,13 +124,7 @@ fn compared(fields: &[Field]) -> Vec<Element> {
 }
 
 /// The first difference between the contents of two messages; stamps are not compared.
-pub(super) fn first_difference<M: Message>(expected: &M, found: &M) -> Option<Difference> {
-    let [expected, found] = [expected, found].map(bytemuck::bytes_of);
-    first_difference_in(M::FIELDS, expected, found)
-}
-
-/// The same of two messages whose layout alone is known.
-pub(super) fn first_difference_in(
+pub(super) fn first_difference(
     fields: &[Field],
     expected: &[u8],
     found: &[u8],
@@ -147,54 +139,51 @@ pub(super) fn first_difference_in(
 }
 
 /// Differences between two series of messages, field by field.
-#[derive(Clone, Debug)]
-pub(super) struct Differences<M> {
+pub(super) struct Differences {
     elements: Vec<Element>,
+    /// The tick of the first, and its first field.
+    pub(super) first: Option<(u64, Difference)>,
     /// By the place of the field in the message.
     fields: BTreeMap<usize, FieldDifference>,
-    _messages: PhantomData<M>,
 }
 
-impl<M: Message> Default for Differences<M> {
-    fn default() -> Self {
+impl Differences {
+    pub(super) fn new(fields: &[Field]) -> Self {
         Self {
-            elements: compared(M::FIELDS),
+            elements: compared(fields),
+            first: None,
             fields: BTreeMap::new(),
-            _messages: PhantomData,
         }
     }
-}
 
-impl<M: Message> Differences<M> {
     /// Takes in a pair of messages of the same tick; stamps are not compared.
-    pub(super) fn add(&mut self, expected: &M, found: &M) {
-        if expected.content() == found.content() {
+    pub(super) fn add(&mut self, tick: u64, old: &[u8], new: &[u8]) {
+        if old.get(size_of::<Stamps>()..) == new.get(size_of::<Stamps>()..) {
             return;
         }
-        let [old, new] = [expected, found].map(bytemuck::bytes_of);
         for field in self.elements.chunk_by(|a, b| a.field == b.field) {
-            let differing = field.iter().filter(|element| element.differs(old, new));
-            let distances = differing.map(|element| (element.distance(old, new), element));
-            let Some((largest, element)) = distances.reduce(|a, b| if b.0 > a.0 { b } else { a })
-            else {
+            let mut differing = field.iter().filter(|one| one.differs(old, new));
+            let Some(first) = differing.clone().next() else {
                 continue;
             };
-            let so_far = self.fields.get(&field[0].bytes.start);
-            let messages = so_far.map_or(0, |so_far| so_far.messages) + 1;
-            let difference = match so_far {
-                Some(so_far) if so_far.largest >= largest => FieldDifference {
-                    messages,
-                    ..so_far.clone()
-                },
-                _ => FieldDifference {
-                    field: element.field.clone(),
-                    messages,
-                    largest,
-                    tick: expected.header().tick,
-                    difference: element.difference(old, new),
-                },
-            };
-            self.fields.insert(field[0].bytes.start, difference);
+            self.first
+                .get_or_insert_with(|| (tick, first.difference(old, new)));
+            let at = self.fields.entry(field[0].bytes.start);
+            let so_far = at.or_insert_with(|| FieldDifference {
+                field: first.field.clone(),
+                messages: 0,
+                largest: f64::NEG_INFINITY,
+                tick,
+                difference: first.difference(old, new),
+            });
+            so_far.messages += 1;
+            for element in differing.by_ref() {
+                let distance = element.distance(old, new);
+                if distance > so_far.largest {
+                    (so_far.largest, so_far.tick) = (distance, tick);
+                    so_far.difference = element.difference(old, new);
+                }
+            }
         }
     }
 
@@ -207,88 +196,70 @@ impl<M: Message> Differences<M> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_types::{SingularityReport, TorqueCommand};
+    use shared_types::{Layout, Message, SingularityReport, TorqueCommand};
 
-    #[test]
-    fn the_first_differing_number_is_named_with_both_values() {
-        let expected = TorqueCommand::default();
-        let mut found = expected;
-        found.header.stamps.sent_ns[0] = 7;
-        assert_eq!(
-            first_difference(&expected, &found),
-            None,
-            "stamps are not compared"
-        );
-        found.saturation_mask = 5;
-        found.tau[7] = -0.5;
-        let difference = first_difference(&expected, &found).unwrap();
-        assert_eq!(
-            (
-                &*difference.field,
-                &*difference.expected,
-                &*difference.found
-            ),
-            ("tau[7]", "0.0", "-0.5")
-        );
-        found.tau[7] = 0.0;
-        assert_eq!(
-            first_difference(&expected, &found).unwrap().field,
-            "saturation_mask"
-        );
+    fn first<M: Message>(expected: &M, found: &M) -> Option<[String; 3]> {
+        let [expected, found] = [expected, found].map(bytemuck::bytes_of);
+        let first = first_difference(M::FIELDS, expected, found)?;
+        Some([first.field, first.expected, first.found])
+    }
+
+    fn texts(all: [&str; 3]) -> Option<[String; 3]> {
+        Some(all.map(str::to_owned))
     }
 
     #[test]
-    fn headers_and_nested_structures_are_looked_into() {
+    fn the_first_differing_number_is_named_with_both_values_also_in_headers_and_nested_structures()
+    {
+        let expected = TorqueCommand::default();
+        let mut found = expected;
+        found.header.stamps.sent_ns[0] = 7;
+        assert_eq!(first(&expected, &found), None, "stamps are not compared");
+        found.saturation_mask = 5;
+        found.tau[7] = -0.5;
+        assert_eq!(first(&expected, &found), texts(["tau[7]", "0.0", "-0.5"]));
+        found.tau[7] = 0.0;
+        assert_eq!(
+            first(&expected, &found),
+            texts(["saturation_mask", "0", "5"])
+        );
         let expected = SingularityReport::default();
         let mut found = expected;
-        let first = |found| first_difference(&expected, &found).unwrap();
         found.singularities[2].zeta_B[4] = 1.0;
-        assert_eq!(first(found).field, "singularities[2].zeta_B[4]");
-        found.singularities[1].inside = 1;
-        assert_eq!(first(found).field, "singularities[1].inside");
+        let nested = texts(["singularities[2].zeta_B[4]", "0.0", "1.0"]);
+        assert_eq!(first(&expected, &found), nested);
         found.header.incarnation = 3;
-        let difference = first(found);
-        assert_eq!(
-            (&*difference.field, &*difference.found),
-            ("header.incarnation", "3")
-        );
+        let header = texts(["header.incarnation", "0", "3"]);
+        assert_eq!(first(&expected, &found), header);
     }
 
     #[test]
     fn the_largest_difference_of_each_field_is_kept_with_its_place() {
-        let mut differences = Differences::default();
+        let mut differences = Differences::new(TorqueCommand::FIELDS);
         let expected = TorqueCommand::default();
-        for (tick, by) in [(3, 1.0), (4, -2.5), (5, 0.5)] {
-            let (mut expected, mut found) = (expected, expected);
-            (expected.header.tick, found.header.tick) = (tick, tick);
-            found.header.stamps.sent_ns[1] = tick;
-            found.tau[1] = by;
-            found.phase = 2;
-            differences.add(&expected, &found);
+        for (tick, by) in [(3, 1.0), (4, -2.5), (5, f64::NAN), (6, 0.5)] {
+            let mut found = expected;
+            (found.tau[1], found.phase) = (by, 2);
+            let [expected, found] = [&expected, &found].map(bytemuck::bytes_of);
+            differences.add(tick, expected, found);
+            let largest = differences.fields.values().next().map(|of| of.largest);
+            let expected = if tick == 3 { 1.0 } else { 2.5 };
+            assert_eq!(
+                largest,
+                Some(if tick > 4 { f64::INFINITY } else { expected })
+            );
         }
-        let mut poisoned = expected;
-        poisoned.tau[3] = f64::NAN;
-        let mut spoiled = Differences::default();
-        spoiled.add(&expected, &poisoned);
+        let first = differences
+            .first
+            .clone()
+            .map(|first| (first.0, first.1.field));
+        assert_eq!(first, Some((3, "tau[1]".to_owned())));
         let fields = differences.fields();
+        let of =
+            |field: &FieldDifference| (field.messages, field.tick, field.difference.field.clone());
         assert_eq!(
-            fields.iter().map(|field| &*field.field).collect::<Vec<_>>(),
-            ["tau", "phase"]
-        );
-        assert_eq!(
-            (
-                fields[0].messages,
-                fields[0].largest,
-                fields[0].tick,
-                &*fields[0].difference.field
-            ),
-            (3, 2.5, 4, "tau[1]")
-        );
-        assert_eq!((fields[1].largest, fields[1].tick), (2.0, 3));
-        let fields = spoiled.fields();
-        assert_eq!(
-            (fields[0].largest, &*fields[0].difference.found),
-            (f64::INFINITY, "NaN")
+            fields.iter().map(of).collect::<Vec<_>>(),
+            [(4, 5, "tau[1]".to_owned()), (4, 3, "phase".to_owned())]
         );
     }
 }

@@ -1,11 +1,13 @@
 //! The recorded inputs of a run, fed to the step of one process again.
 
+use std::collections::VecDeque;
 use std::fmt;
 use std::path::Path;
 
 use chain::Tick;
 use model::Robot;
 use process::{Inputs, Member, Scratch, apply_to_outgoing};
+use recorder::{MESSAGES, Row, Ticks};
 use serde::Serialize;
 use session::table::{Fitted, number, table};
 use session::{Failure, JOB, Observer, Progress, Run, SUMMARY};
@@ -16,13 +18,23 @@ use shared_types::job::Job;
 use shared_types::process::Program;
 use shared_types::scenario::Scenario;
 use shared_types::summary::Summary;
-use shared_types::topics::{ByTopic, Each, TOPICS, Topic, named};
-use shared_types::{Header, Message, TorqueCommand};
+use shared_types::topics::{ByTopic, Each, Received, Topic, named};
+use shared_types::{Message, TorqueCommand};
 use viz::digits;
 
-use super::compared::{Place, record_of};
-use super::difference::FieldDifference;
-use super::track::{self, Compared, Tracks};
+use super::compared::Place;
+use super::difference::{Differences, FieldDifference};
+
+/// The replayed process's messages of one topic, beside those of the run.
+#[derive(Serialize)]
+pub struct Compared {
+    /// Name of the topic.
+    pub topic: &'static str,
+    /// Messages compared.
+    pub messages: u64,
+    /// Largest difference per field.
+    pub fields: Vec<FieldDifference>,
+}
 
 /// The result of a replay.
 #[derive(Serialize)]
@@ -176,7 +188,7 @@ pub fn replay(
     let (process, program) = chosen(&job, process).ok_or_else(|| no_step(process, &job, folder))?;
     let (name, writes) = (process.name.clone(), &process.writes);
     let (summary, damage, has_holes) = damage_of(&run, &job);
-    let record = record_of(folder, &job);
+    let record = Ticks::open(&folder.join(MESSAGES), &job);
     if has_holes || record.is_err() && !damage.is_empty() {
         // The state of no process goes on over messages that are lost.
         return Err(damaged(&run, &damage));
@@ -184,21 +196,19 @@ pub fn replay(
     let record = record.map_err(|error| damaged(&run, &[error.to_string()]))?;
     let step = chain::step_of(program, &robot, &scenario).map_err(Failure::input)?;
     let step = step.ok_or_else(|| no_step(Some(&name), &job, folder))?;
-    let reads: Vec<&str> = step.reads().iter().map(|port| port.topic).collect();
-    let writes: Vec<&str> = writes.iter().map(String::as_str).collect();
-    let topics = [&reads[..], &writes].concat();
+    let outputs = writes.iter().filter_map(|topic| named(topic, &mut Begin));
     let mut player = Player {
-        tracks: track::open(&record, &topics).map_err(Failure::work)?,
         member: Member::new(0, process, step),
         scratch: Scratch::default(),
-        given: Tick::default(),
         now: Tick::default(),
+        outputs: outputs.collect(),
+        torques: VecDeque::new(),
         faults: scheduled_faults(summary.as_ref(), &job, &name)?,
         without_input: 0,
-        observer,
     };
-    let ended = player.play(&scenario, &writes);
-    let (difference, topics) = player.compared(&writes);
+    let ended = player.play(record, &scenario, observer);
+    let without_input = player.without_input;
+    let (difference, topics) = player.compared();
     let replayed = Replayed {
         run: job.run,
         scenario: job.scenario.name,
@@ -209,7 +219,7 @@ pub fn replay(
         identical: difference.is_none(),
         difference,
         topics,
-        without_input: player.without_input,
+        without_input,
         is_cut: summary.as_ref().is_none_or(|summary| !summary.completed),
         ended,
         damage,
@@ -332,172 +342,151 @@ fn with_settings(scenario: &Scenario, settings: &[String]) -> Result<Scenario, F
     Ok(changed)
 }
 
-/// The kept messages of a run, and the tick that is computed.
-struct Player<'a> {
-    tracks: ByTopic<Tracks>,
+/// A process that is computed again.
+struct Player {
     member: Member,
     scratch: Scratch,
-    /// The inputs of the tick.
-    given: Tick,
-    /// Its outputs.
+    /// Its outputs of the tick.
     now: Tick,
+    /// Its topics, in the order in which they leave.
+    outputs: Vec<Output>,
+    /// The torques that a plant has not followed yet.
+    torques: VecDeque<TorqueCommand>,
     /// The faults that happened to the process.
     faults: Vec<ScheduledFault>,
     without_input: u64,
-    observer: Observer<'a>,
 }
 
-/// The header of a topic's next message.
-struct Next<'a>(&'a mut ByTopic<Tracks>);
+/// A topic that the process writes.
+struct Output {
+    topic: &'static str,
+    messages: u64,
+    differences: Differences,
+}
 
-impl Each for Next<'_> {
-    type Output = Option<Header>;
-    fn each<M: Topic>(&mut self) -> Self::Output {
-        M::of_mut(self.0).header()
+struct Begin;
+
+impl Each for Begin {
+    type Output = Output;
+    fn each<M: Topic>(&mut self) -> Output {
+        Output {
+            topic: M::TOPIC,
+            messages: 0,
+            differences: Differences::new(M::FIELDS),
+        }
     }
 }
 
-/// Whether a topic has a message of a tick, which goes into the bundle.
-struct Load<'a>(&'a mut ByTopic<Tracks>, &'a mut Tick, u64);
+/// The bytes of a topic's message.
+struct Bytes<'a>(&'a ByTopic<Received>);
 
-impl Each for Load<'_> {
-    type Output = bool;
+impl<'a> Each for Bytes<'a> {
+    type Output = Option<&'a [u8]>;
     fn each<M: Topic>(&mut self) -> Self::Output {
-        let message = M::of_mut(self.0).at(self.2);
-        message
-            .iter()
-            .for_each(|message| *M::of_mut(self.1) = *message);
-        message.is_some()
+        M::of(self.0).as_ref().map(bytemuck::bytes_of)
     }
 }
 
-/// Compares a topic's message of a tick with the computed one, of which faults may have changed the content.
-struct Compare<'a>(&'a mut ByTopic<Tracks>, &'a Tick, u64, &'a [ScheduledFault]);
+fn bytes<'a>(row: &'a Row, topic: &str) -> Option<&'a [u8]> {
+    named(topic, &mut Bytes(row.messages())).flatten()
+}
+
+/// Compares a topic's message of a tick, if there is one, with the computed one, of which faults may have changed the content.
+struct Compare<'a> {
+    row: &'a Row,
+    now: &'a Tick,
+    faults: &'a [ScheduledFault],
+    output: &'a mut Output,
+}
 
 impl Each for Compare<'_> {
     type Output = ();
-    fn each<M: Topic>(&mut self) -> Self::Output {
-        let mut computed = *M::of(self.1);
-        apply_to_outgoing(&mut computed, self.3);
-        M::of_mut(self.0).compare(computed, self.2)
+    fn each<M: Topic>(&mut self) {
+        let mut computed = *M::of(self.now);
+        apply_to_outgoing(&mut computed, self.faults);
+        if let Some(recorded) = M::of(self.row.messages()) {
+            // The runtime sets the incarnation, not the step.
+            computed.header_mut().incarnation = recorded.header().incarnation;
+            self.output.messages += 1;
+            let [recorded, computed] = [recorded, &computed].map(bytemuck::bytes_of);
+            self.output
+                .differences
+                .add(self.row.tick, recorded, computed);
+        }
     }
 }
 
-/// The result of a topic.
-struct CompareAll<'a>(&'a mut ByTopic<Tracks>);
-
-impl Each for CompareAll<'_> {
-    type Output = (Option<Place>, Compared);
-    fn each<M: Topic>(&mut self) -> Self::Output {
-        M::of_mut(self.0).compared()
-    }
-}
-
-impl Player<'_> {
+impl Player {
     /// Computes the process's outputs again. The sentence: why the replay ended before the record did.
-    fn play(&mut self, scenario: &Scenario, writes: &[&str]) -> String {
-        (self.observer)(Progress::Begin {
+    fn play(&mut self, record: Ticks, scenario: &Scenario, observer: Observer<'_>) -> String {
+        observer(Progress::Begin {
             title: &scenario.name,
             length: scenario.planned_ticks(),
             unit: "ticks",
         });
-        let ended = match self.member.makes_ticks() {
-            true => self.plant(),
-            false => self.cycle(writes),
-        };
-        (self.observer)(Progress::End);
-        ended
-    }
-
-    /// The step of a tick, on the inputs that have been loaded.
-    fn compute(&mut self, tick: u64, topics: &[&'static str], faults: &[ScheduledFault]) {
-        let (parts, mut inputs) = (self.given.parts_mut(), Inputs::of(tick, faults));
-        for (topic, message) in TOPICS.into_iter().zip(&parts) {
-            let message = message.as_deref().filter(|_| topics.contains(&topic));
-            message
-                .into_iter()
-                .for_each(|message| inputs.add(topic, message));
-        }
-        // The record says when the task was over.
-        let _ = self
-            .member
-            .compute(&inputs, &mut self.now, &mut self.scratch);
-    }
-
-    /// The earliest difference, and all, of the process's topics.
-    fn compared(&mut self, writes: &[&str]) -> (Option<Place>, Vec<Compared>) {
-        let compared = writes
-            .iter()
-            .filter_map(|topic| named(topic, &mut CompareAll(&mut self.tracks)));
-        let (firsts, topics): (Vec<_>, Vec<_>) = compared.unzip();
-        (
-            firsts
-                .into_iter()
-                .flatten()
-                .min_by_key(|place: &Place| place.tick),
-            topics,
-        )
-    }
-
-    fn next(&mut self, topic: &str) -> Option<Header> {
-        named(topic, &mut Next(&mut self.tracks)).flatten()
-    }
-
-    fn load(&mut self, topic: &str, tick: u64) -> bool {
-        named(topic, &mut Load(&mut self.tracks, &mut self.given, tick)).unwrap_or(false)
-    }
-
-    /// Loads the inputs of a tick: their topics, or `None` where one is missing that the step needs.
-    fn inputs(&mut self, tick: u64) -> Option<Vec<&'static str>> {
-        let (mut there, mut is_whole) = (Vec::new(), true);
-        for port in self.member.step().reads() {
-            let is_there = self.load(port.topic, tick);
-            there.extend(is_there.then_some(port.topic));
-            is_whole &= is_there || !port.is_needed;
-        }
-        is_whole.then_some(there)
-    }
-
-    /// Computes every recorded output again from the inputs of its tick. Also computed is what a fault kept from leaving: the process's state goes on
-    /// from it. A replacement goes on from the state of its predecessor: the tick before is the last that was computed.
-    fn cycle(&mut self, writes: &[&str]) -> String {
-        // Faults shape this one.
-        let shaped = writes.iter().rfind(|topic| shaped_topic(topic));
-        let shaped = shaped.copied().unwrap_or_default();
-        let reads = self.member.step().reads();
-        let first = reads.first().map_or("", |port| port.topic);
-        while let Some(Header { tick, .. }) = self.next(shaped) {
-            while let Some(earlier) = self
-                .next(first)
-                .map(|header| header.tick)
-                .filter(|one| *one < tick)
-            {
-                if let Some(topics) = self.inputs(earlier)
-                    && self.was_withheld(earlier)
-                {
-                    self.compute(earlier, &topics, &[]);
-                }
+        let mut gap = None;
+        for row in record {
+            if !self.member.makes_ticks() {
+                self.cycle(&row);
+            } else if let Some(sentence) = self.plant(&row, &mut gap) {
+                observer(Progress::End);
+                return sentence;
             }
-            if let Some(topics) = self.inputs(tick) {
-                self.compute(tick, &topics, &[]);
-                for topic in writes {
-                    let faults = if *topic == shaped {
-                        &self.faults[..]
-                    } else {
-                        &[]
-                    };
-                    named(
-                        topic,
-                        &mut Compare(&mut self.tracks, &self.now, tick, faults),
-                    );
-                }
-            } else {
-                self.without_input += 1;
-                self.load(shaped, tick);
-            }
-            (self.observer)(Progress::Position(tick));
+            observer(Progress::Position(row.tick));
         }
+        observer(Progress::End);
         String::new()
+    }
+
+    /// The topic whose messages faults shape.
+    fn shaped(&self) -> &'static str {
+        let mut outputs = self.outputs.iter().map(|output| output.topic);
+        outputs
+            .rfind(|topic| shaped_topic(topic))
+            .unwrap_or_default()
+    }
+
+    fn compare(&mut self, row: &Row) {
+        let shaped = self.shaped();
+        for output in &mut self.outputs {
+            let topic = output.topic;
+            let faults = match topic == shaped {
+                true => &self.faults[..],
+                false => &[],
+            };
+            let mut compare = Compare {
+                row,
+                now: &self.now,
+                faults,
+                output,
+            };
+            named(topic, &mut compare);
+        }
+    }
+
+    /// Computes an output again from the inputs of its tick. Also computed is what a fault kept from leaving: the process's state goes on from it. A
+    /// replacement goes on from the state of its predecessor: the tick before is the last that was computed.
+    fn cycle(&mut self, row: &Row) {
+        let (mut inputs, mut is_whole) = (Inputs::of(row.tick, &[]), true);
+        for port in self.member.step().reads() {
+            let message = bytes(row, port.topic);
+            message
+                .iter()
+                .for_each(|message| inputs.add(port.topic, message));
+            is_whole &= message.is_some() || !port.is_needed;
+        }
+        let has_left = bytes(row, self.shaped()).is_some();
+        if is_whole && (has_left || self.was_withheld(row.tick)) {
+            // The record says when the task was over.
+            let _ = self
+                .member
+                .compute(&inputs, &mut self.now, &mut self.scratch);
+        }
+        match (has_left, is_whole) {
+            (true, true) => self.compare(row),
+            (true, false) => self.without_input += 1,
+            (false, _) => {}
+        }
     }
 
     /// Whether the process worked at a tick of which nothing of it is in the record.
@@ -510,58 +499,70 @@ impl Player<'_> {
         had(Kind::shapes_messages) && !had(Kind::takes_down)
     }
 
-    /// The plant answers its own last state: it must be fed without a gap. What was wrong with its sensors and drives is so again. The sentence: why the
-    /// replay ended before the record did.
-    fn plant(&mut self) -> String {
-        for tick in 0.. {
-            let Some(recorded) = self.tracks.sensor.header() else {
-                break;
-            };
-            let truth = self.tracks.plant_state.header();
-            let gap = recorded.tick != tick || truth.is_none_or(|truth| truth.tick != tick);
-            if gap || recorded.incarnation > 1 {
-                let what = if gap {
-                    "is not in the record"
-                } else {
-                    "was made by a restarted plant"
-                };
-                return format!("tick {tick} {what}: the replay of the plant ends there");
-            }
-            let mut topics = Vec::new();
-            if tick > 0
-                && let Some(command) = torque_after(&mut self.tracks, tick - 1)
-            {
-                self.given.torque = command;
-                topics.push(TorqueCommand::TOPIC);
-            }
-            let is_physical = |fault: &&ScheduledFault| {
-                fault.concerns(tick) && fault.kind().is_some_and(Kind::concerns_joint)
-            };
-            let physical: Vec<_> = self.faults.iter().filter(is_physical).copied().collect();
-            self.compute(tick, &topics, &physical);
-            let mut sent = self.now.sensor;
-            apply_to_outgoing(&mut sent, &self.faults);
-            self.tracks.sensor.compare(sent, tick);
-            self.tracks.plant_state.compare(self.now.plant_state, tick);
-            (self.observer)(Progress::Position(tick));
+    /// The plant answers its own last state: it must be fed without a gap, whose first tick is kept until something follows it. What was wrong with its
+    /// sensors and drives is so again. The sentence: why the replay ended before the record did.
+    fn plant(&mut self, row: &Row, gap: &mut Option<u64>) -> Option<String> {
+        let (tick, messages) = (row.tick, row.messages());
+        let Some(sensor) = &messages.sensor else {
+            gap.get_or_insert(tick);
+            return None;
+        };
+        let is_next = tick == 0 || self.outputs.iter().any(|output| output.messages == tick);
+        let missing = gap.or((!is_next || messages.plant_state.is_none()).then_some(tick));
+        let sentence = match (missing, sensor.header.incarnation) {
+            (Some(tick), _) => format!("tick {tick} is not in the record"),
+            (None, 2..) => format!("tick {tick} was made by a restarted plant"),
+            (None, _) => String::new(),
+        };
+        if !sentence.is_empty() {
+            return Some(sentence + ": the replay of the plant ends there");
         }
-        String::new()
+        let flags = messages.plant_state.map_or(0, |truth| truth.drive_flags);
+        let command = self.torque_before(tick, flags, u64::from(sensor.stale_ticks));
+        let is_physical = |fault: &&ScheduledFault| {
+            fault.concerns(tick) && fault.kind().is_some_and(Kind::concerns_joint)
+        };
+        let physical: Vec<_> = self.faults.iter().filter(is_physical).copied().collect();
+        let mut inputs = Inputs::of(tick, &physical);
+        if let Some(command) = &command {
+            inputs.add(TorqueCommand::TOPIC, bytemuck::bytes_of(command));
+        }
+        let _ = self
+            .member
+            .compute(&inputs, &mut self.now, &mut self.scratch);
+        self.compare(row);
+        self.torques.extend(messages.torque);
+        None
     }
-}
 
-/// The torque that the plant followed from a tick on. Which came in time, and how old it was, is what the plant said next.
-fn torque_after(tracks: &mut ByTopic<Tracks>, tick: u64) -> Option<TorqueCommand> {
-    let flags = tracks
-        .plant_state
-        .peek()
-        .map_or(0, |truth| truth.drive_flags);
-    let age = tracks
-        .sensor
-        .peek()
-        .map_or(0, |next| u64::from(next.stale_ticks));
-    match flags {
-        flags if flags & (DRIVE_STALE | DRIVE_ENCODER) != 0 => Some(TorqueCommand::default()),
-        flags if flags & DRIVE_ABSENT != 0 => None,
-        _ => tracks.torque.at(tick.saturating_sub(age)),
+    /// The torque that the plant followed until a tick. Which came in time, and how old it was, is what the plant says at the tick.
+    fn torque_before(&mut self, tick: u64, flags: u32, age: u64) -> Option<TorqueCommand> {
+        let before = tick.checked_sub(1)?;
+        if flags & (DRIVE_STALE | DRIVE_ENCODER) != 0 {
+            return Some(TorqueCommand::default());
+        }
+        if flags & DRIVE_ABSENT != 0 {
+            return None;
+        }
+        let wanted = before.saturating_sub(age);
+        let is_past = |torque: &mut TorqueCommand| torque.header.tick < wanted;
+        while self.torques.pop_front_if(is_past).is_some() {}
+        self.torques
+            .pop_front_if(|torque| torque.header.tick == wanted)
+    }
+
+    /// The earliest difference, and all, of the process's topics.
+    fn compared(self) -> (Option<Place>, Vec<Compared>) {
+        let firsts = self.outputs.iter().filter_map(|output| {
+            let (tick, difference) = output.differences.first.clone()?;
+            Some(Place::new(tick, output.topic, difference))
+        });
+        let first = firsts.min_by_key(|place| place.tick);
+        let all = self.outputs.into_iter().map(|output| Compared {
+            topic: output.topic,
+            messages: output.messages,
+            fields: output.differences.fields(),
+        });
+        (first, all.collect())
     }
 }

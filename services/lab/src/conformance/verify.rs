@@ -1,20 +1,25 @@
 //! The same scenario under different conditions, compared byte by byte.
 
 use std::fmt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use model::Robot;
 use runtime::random;
 use serde::Serialize;
 use session::table::{count, number, table};
-use session::{Failure, Observer, Results, load};
+use session::{Failure, Observer, Progress, Results, load};
 use shared_types::graph::Graph;
 use shared_types::job::{Job, Mode};
 use shared_types::scenario::Scenario;
 
-use super::compared::{Place, Ran, Reference, first_place, in_processes, on_one_thread, record_of};
-use super::condition::CONDITIONS;
+use super::compared::{
+    Place, Ran, first_place, in_processes, on_one_thread, record_of, record_on_one_thread,
+};
+use super::condition::{CONDITIONS, KILLS, Subject, UNDISTURBED};
 use crate::folder::Folder;
+
+/// Most runs of which each has a row; of more only those that differ have one.
+const MOST_ROWS: usize = 12;
 
 /// How to run a scenario several times.
 pub struct Request<'a> {
@@ -28,6 +33,8 @@ pub struct Request<'a> {
     pub graph: &'a Graph,
     /// How often.
     pub runs: u32,
+    /// Kills processes at random moments, in place of all other conditions.
+    pub kills: bool,
     /// Where the messages and recordings stay; `None` removes them.
     pub out: Option<&'a Path>,
     /// Lets the plant take the torque of the tick before where the right one is late.
@@ -53,6 +60,8 @@ pub struct Verified {
     pub runs: Vec<Ran>,
     /// Where the first that differs does so.
     pub difference: Option<Place>,
+    /// The folder of the runs that differ, and of the reference.
+    pub folder: Option<PathBuf>,
 }
 
 /// Runs a scenario several times, each time under another condition, and compares every message of every topic.
@@ -85,33 +94,43 @@ pub fn verify(request: &Request<'_>, observer: Observer<'_>) -> Result<Verified,
     let _signals = session::interrupts()?;
     let folder = Folder::create(request.out)?;
     let (mut runs, mut difference, mut first) = (Vec::<Ran>::new(), None, None);
+    observer(Progress::Begin {
+        title: &scenario.name,
+        length: u64::from(request.runs),
+        unit: "runs",
+    });
     for index in 0..request.runs as usize {
         let results = Results::within(folder.path(), &format!("run-{}", index + 1))?;
-        let (job, ran) = run(request, index, &results.folder, observer)?;
+        let (job, ran) = run(request, index, &results.folder)?;
         let reference = reference.get_or_insert_with(|| ran.clone());
         let first = first.get_or_insert_with(|| job.clone());
-        if ran.topics != reference.topics && difference.is_none() {
+        let differs = ran.topics != reference.topics;
+        if differs && difference.is_none() {
             let expected = match needs_processes {
-                Some(_) => Reference::Run(record_of(&first.out, first)?),
-                None => Reference::OneThread(robot, scenario),
+                Some(_) => record_of(&first.out, first)?,
+                None => record_on_one_thread(folder.path(), &job, robot)?,
             };
-            difference = first_place(&expected, &record_of(&job.out, &job)?, index + 1)?;
+            difference = first_place(&expected, &record_of(&job.out, &job)?)?.map(|place| Place {
+                run: Some(index + 1),
+                ..place
+            });
         }
-        if request.out.is_none() && (index > 0 || needs_processes.is_none()) {
-            // The rest is removed with the whole folder.
+        let is_reference = index == 0 && needs_processes.is_some();
+        if request.out.is_none() && !is_reference && !differs {
             results.clear()?;
         }
         runs.push(ran);
+        observer(Progress::Step);
     }
+    observer(Progress::End);
     // There is at least one run.
     let reference = reference.ok_or_else(|| Failure::work("nothing was run"))?;
-    Ok(Verified::of(
-        scenario,
-        needs_processes.is_some(),
-        reference,
-        runs,
-        difference,
-    ))
+    let is_run = needs_processes.is_some();
+    let mut verified = Verified::of(scenario, is_run, reference, runs, difference);
+    if verified.difference.is_some() {
+        verified.folder = Some(folder.keep());
+    }
+    Ok(verified)
 }
 
 impl Verified {
@@ -138,44 +157,47 @@ impl Verified {
             reference,
             runs,
             difference,
+            folder: None,
         }
     }
 }
 
 /// One of the runs, under its condition.
-fn run(
-    request: &Request<'_>,
-    index: usize,
-    out: &Path,
-    observer: Observer<'_>,
-) -> Result<(Job, Ran), Failure> {
+fn run(request: &Request<'_>, index: usize, out: &Path) -> Result<(Job, Ran), Failure> {
     let Request {
         scenario,
         robot,
         graph,
-        unordered,
+        kills,
         ..
     } = *request;
-    let (condition, seed) = (
-        CONDITIONS[index % CONDITIONS.len()],
-        random(scenario.seed, index as u64),
-    );
-    let job = load::job(
-        robot,
-        scenario.clone(),
-        graph.clone(),
-        Mode::Lockstep,
-        out.to_owned(),
-    );
+    let condition = match (kills, index) {
+        (false, _) => CONDITIONS[index % CONDITIONS.len()],
+        // With this one the others may have to be compared.
+        (true, 0) => UNDISTURBED,
+        (true, _) => KILLS,
+    };
+    let seed = random(scenario.seed, index as u64);
+    let (scenario, graph) = (scenario.clone(), graph.clone());
+    let job = load::job(robot, scenario, graph, Mode::Lockstep, out.to_owned());
     let mut plan = session::plan(&job)?;
-    condition.disturb(&mut plan, seed, unordered);
-    let count = plan.children.len();
-    let beside = |page| condition.beside(page, count, seed);
-    let done = in_processes(&job, plan, condition.to_string(), beside, observer)?;
-    let lack = done.summary.recorder.error;
+    condition.disturb(&mut plan, seed, request.unordered);
+    let source = plan.children.iter().position(|child| child.ends_run);
+    let subject = Subject {
+        count: plan.children.len(),
+        source: source.unwrap_or_default(),
+        length: job.scenario.planned_ticks(),
+    };
+    let mut start = 0;
+    let beside = |page| {
+        start += 1;
+        condition.beside(page, subject, start, seed)
+    };
+    let (ran, summary) = in_processes(&job, plan, condition.to_string(), beside, &|_| ())?;
+    let lack = summary.recorder.error;
     let is_kept = request.out.is_none() || lack.is_empty();
     is_kept
-        .then_some((job, done.ran))
+        .then_some((job, ran))
         .ok_or_else(|| Failure::Work(format!("{} is not kept whole: {lack}", out.display())))
 }
 
@@ -218,6 +240,7 @@ impl fmt::Display for Verified {
             seed,
             reference,
             runs,
+            folder,
             ..
         } = self;
         let mut hashes = table(&["topic", "messages", "hash of the contents in the reference"]);
@@ -225,7 +248,12 @@ impl fmt::Display for Verified {
             hashes.add_row([name.into(), number(topic.count), topic.hash.as_str().into()]);
         }
         let mut rows = table(&["run", "condition", "ticks/s", "topics"]);
-        for (number_of_run, ran) in (0..).zip(std::iter::once(reference).chain(runs)) {
+        let is_shown = |ran: &Ran| runs.len() <= MOST_ROWS || ran.topics != reference.topics;
+        let shown = std::iter::once(reference).chain(runs);
+        for (number_of_run, ran) in (0..)
+            .zip(shown)
+            .filter(|(number, ran)| *number == 0 || is_shown(ran))
+        {
             let speed = number(format!("{:.0}", ran.ticks_per_s));
             let name = if number_of_run == 0 {
                 "reference".to_owned()
@@ -240,6 +268,17 @@ impl fmt::Display for Verified {
             ]);
         }
         writeln!(f, "{hashes}\n{rows}")?;
+        for (number, ran) in (1..)
+            .zip(runs)
+            .filter(|(_, ran)| ran.topics != reference.topics)
+        {
+            for death in &ran.deaths {
+                writeln!(f, "run {number}: {death}")?;
+            }
+        }
+        if let Some(folder) = folder {
+            writeln!(f, "runs with other bytes are in {}", folder.display())?;
+        }
         for (number, ran) in (1..).zip(runs).filter(|(_, ran)| !ran.failure.is_empty()) {
             writeln!(f, "run {number} did not finish: {}", ran.failure)?;
         }
@@ -258,11 +297,13 @@ impl fmt::Display for Verified {
         } else {
             "NOT the same bytes"
         };
+        let deaths: usize = runs.iter().map(|ran| ran.deaths.len()).sum();
+        let [runs, deaths] = [(runs.len(), "run"), (deaths, "death")]
+            .map(|(number, what)| count(number as u64, what));
         writeln!(
             f,
-            "{scenario}, seed {seed}, {}, {}: {verdict}",
-            count(reference.ticks, "tick"),
-            count(runs.len() as u64, "run")
+            "{scenario}, seed {seed}, {}, {runs}, {deaths}: {verdict}",
+            count(reference.ticks, "tick")
         )
     }
 }

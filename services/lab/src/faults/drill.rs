@@ -1,6 +1,7 @@
-//! `armplane drill`: every fault on every process of a real graph, in lockstep.
+//! `armplane drill`: every fault on every process of a real graph.
 //!
-//! A fault is requested live, at a tick in the middle of the motion; then the run is repeated from the plan that it left, and must give the same bytes.
+//! A fault is requested live, at a tick in the middle of the motion. In lockstep the run is then repeated from the plan that it left, and must give the
+//! same bytes.
 
 use std::path::Path;
 
@@ -36,6 +37,8 @@ pub struct Request<'a> {
     pub settings: &'a [String],
     /// The file of a process graph; the scenario's own, or the built-in one, where it is `None`.
     pub graph: Option<&'a Path>,
+    /// Lockstep, or real time.
+    pub mode: Mode,
     /// A protection that is left out, to show that the drill can fail.
     pub without: Option<Without>,
     /// Where the results go; nowhere where it is `None`.
@@ -64,7 +67,7 @@ pub fn drill(request: &Request<'_>, observer: Observer<'_>) -> Result<Drilled, F
             observer,
         )?;
     }
-    Drilled::new(cells, None, None, request.out)
+    Drilled::new(cells, request.out)
 }
 
 /// Tries every fault in one scenario.
@@ -91,7 +94,7 @@ fn drill_one(
     };
     let results = Results::within(folder, "run")?;
     let out = results.folder.clone();
-    let mut job = load::job(&robot, scenario, graph, Mode::Lockstep, out);
+    let mut job = load::job(&robot, scenario, graph, request.mode, out);
     request
         .without
         .iter()
@@ -115,13 +118,16 @@ fn drill_one(
         length: plans.len() as u64,
         unit: "cells",
     });
-    let base = baseline(&stage, name)?;
+    let base = match request.mode {
+        Mode::Lockstep => Some(baseline(&stage, name)?),
+        Mode::Realtime => None,
+    };
     for plan in plans {
         let title = |fault: &Fault| format!("{} {}", fault.process, fault.kind);
         let titles: Vec<String> = plan.iter().map(title).collect();
         let title = format!("{name}: {}", titles.join(" and "));
         observer(Progress::Title(&title));
-        cells.push(cell(&stage, &plan, &base)?);
+        cells.push(cell(&stage, &plan, base.as_ref())?);
         observer(Progress::Step);
     }
     observer(Progress::End);
@@ -130,7 +136,7 @@ fn drill_one(
 
 /// The run without a fault.
 fn baseline(stage: &Stage<'_>, name: &str) -> Result<Ran, Failure> {
-    let base = lockstep(stage, Vec::new(), &[])?;
+    let base = run(stage, Vec::new(), &[])?;
     let Summary {
         outcome, reason, ..
     } = &base.summary;
@@ -142,24 +148,22 @@ fn baseline(stage: &Stage<'_>, name: &str) -> Result<Ran, Failure> {
     )))
 }
 
-fn cell(stage: &Stage<'_>, plan: &[Fault], base: &Ran) -> Result<Cell, Failure> {
-    let ran = lockstep(stage, Vec::new(), plan)?;
-    let left = ran
-        .summary
-        .faults
-        .iter()
-        .filter_map(|fault| fault.plan.clone())
-        .collect();
-    let again = lockstep(stage, left, &[])?;
-    stage.judge(&ran, Some((base, &again)))
+fn cell(stage: &Stage<'_>, plan: &[Fault], base: Option<&Ran>) -> Result<Cell, Failure> {
+    let ran = run(stage, Vec::new(), plan)?;
+    let Some(base) = base else {
+        return stage.judge(&ran, None);
+    };
+    let faults = ran.summary.faults.iter();
+    let left = faults.filter_map(|fault| fault.plan.clone()).collect();
+    stage.judge(&ran, Some((base, &run(stage, left, &[])?)))
 }
 
-fn lockstep(stage: &Stage<'_>, planned: Vec<Fault>, live: &[Fault]) -> Result<Ran, Failure> {
+fn run(stage: &Stage<'_>, planned: Vec<Fault>, live: &[Fault]) -> Result<Ran, Failure> {
     let scenario = Scenario {
         fault: planned,
         ..stage.job.scenario.clone()
     };
-    let ran = stage.run(scenario, live, u64::MAX, &|_| ())?;
+    let ran = stage.run(scenario, live)?;
     match ran.end {
         End::Interrupted { signal } => Err(Failure::Work(format!("stopped by {signal}"))),
         _ => Ok(ran),

@@ -1,33 +1,10 @@
-//! Plans of faults, drawn from a seed: the grid of a drill, and the rounds of a soak.
-
-use std::collections::VecDeque;
+//! Plans of faults, drawn from a seed: the grid of a drill.
 
 use model::Robot;
 use runtime::random;
 use shared_types::fault::{Fault, Kind, Way};
-use shared_types::graph::{Graph, Process, Role};
+use shared_types::graph::{Graph, Process};
 use shared_types::process::Program;
-
-/// Mean time from one fault of a soak to the next; s.
-const MEAN_GAP_S: f64 = 1.4;
-
-/// A round is left in peace for so long at its beginning, and for so long at its end, so that the arm can reach its goal; s.
-const CALM_S: [f64; 2] = [1.0, 4.0];
-
-/// A volume is full for so long before that at most, for nothing is recorded after it; s.
-const FULL_S: f64 = 6.0;
-
-/// One round in so many ends by design.
-const FATAL_ONE_IN: u64 = 4;
-
-/// Deaths of a process in a round: its budget is five restarts, and a stop can turn into one more death.
-const MOST_DEATHS: usize = 4;
-
-/// Deaths that spend the budget, and the time from one to the next, in which the replacement has begun to work; s.
-const SPENT: (u64, f64) = (6, 0.35);
-
-/// Faults of a round; the rest of the fault table is for deaths that the launcher detects.
-const MOST_FAULTS: usize = 48;
 
 /// Whether a fault takes the simulated world with it: then the run ends, cleanly, and there is no arm to be judged any more.
 pub(super) fn ends_world(fault: &Fault) -> bool {
@@ -132,215 +109,27 @@ pub(super) fn grid(
     single.chain(pair).filter(is_one).collect()
 }
 
-/// Deals the faults of a soak from a shuffled deck, so that everything comes equally often over all rounds.
-pub(super) struct Deck {
-    graph: Graph,
-    joints: u64,
-    rate_hz: f64,
-    deck: VecDeque<Fault>,
-    fatal: VecDeque<Fault>,
-    seed: u64,
-    drawn: u64,
-}
-
-impl Deck {
-    pub(super) fn new(robot: &Robot, graph: Graph, rate_hz: u32, seed: u64) -> Self {
-        Self {
-            graph,
-            joints: robot.dof() as u64,
-            rate_hz: f64::from(rate_hz),
-            deck: VecDeque::new(),
-            fatal: VecDeque::new(),
-            seed: seed ^ 0x50a4,
-            drawn: 0,
-        }
-    }
-
-    fn below(&mut self, n: usize) -> usize {
-        (self.unit() * n as f64) as usize
-    }
-
-    /// In [0, 1).
-    fn unit(&mut self) -> f64 {
-        self.drawn += 1;
-        (random(self.seed, self.drawn) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    /// As likely to double as to halve.
-    fn scaled(&mut self, value: f64, by: f64) -> f64 {
-        value * by.powf(2.0 * self.unit() - 1.0)
-    }
-
-    fn ticks(&self, seconds: f64) -> u64 {
-        (seconds * self.rate_hz).round().max(1.0) as u64
-    }
-
-    /// The faults of the next round of so many seconds, and whether it is to end by design.
-    pub(super) fn round(&mut self, seconds: f64) -> Vec<Fault> {
-        let [from, calm] = CALM_S.map(|s| s.min(0.25 * seconds));
-        let (to, mut at_s, mut plan) = (seconds - calm, from, Vec::<Fault>::new());
-        while plan.len() < MOST_FAULTS {
-            at_s -= MEAN_GAP_S * (1.0 - self.unit()).ln();
-            if at_s >= to {
-                break;
-            }
-            let fault = self.next();
-            let deaths = plan
-                .iter()
-                .filter(|one| one.process == fault.process && one.kind.takes_down());
-            if fault.kind.takes_down() && deaths.count() >= MOST_DEATHS {
-                self.deck.push_back(fault);
-                continue;
-            }
-            let late_s = (to - FULL_S * self.unit()).max(at_s);
-            let fault_s = if fault.kind == Kind::DiskFull {
-                late_s
-            } else {
-                at_s
-            };
-            plan.push(self.detailed(fault, fault_s));
-        }
-        if self.below(FATAL_ONE_IN as usize) == 0 {
-            self.end(&mut plan, to + 0.2 * calm);
-        }
-        plan
-    }
-
-    fn next(&mut self) -> Fault {
-        loop {
-            match self.deck.pop_front() {
-                Some(fault) if ends_world(&fault) => self.fatal.push_back(fault),
-                Some(fault) => return fault,
-                None => {
-                    let mut all = every(&self.graph);
-                    for i in (1..all.len()).rev() {
-                        all.swap(i, self.below(i + 1));
-                    }
-                    self.deck = all.into();
-                }
-            }
-        }
-    }
-
-    /// The end of a round: the plant's, or that of a budget.
-    fn end(&mut self, plan: &mut Vec<Fault>, at_s: f64) {
-        if self.below(2) == 0
-            && let Some(fault) = self.fatal.pop_front()
-        {
-            plan.push(self.detailed(fault, at_s));
-            return;
-        }
-        let mortal = self
-            .graph
-            .process
-            .iter()
-            .filter(|process| process.role() != Role::World);
-        let mortal: Vec<String> = mortal.map(|process| process.name.clone()).collect();
-        let process = mortal[self.below(mortal.len())].clone();
-        for death in 0..SPENT.0 {
-            let kill = Fault::new(&process, Kind::Kill);
-            plan.push(self.detailed(kill, at_s + SPENT.1 * death as f64));
-        }
-    }
-
-    /// With a time, and with lengths, amounts and places of its own.
-    fn detailed(&mut self, fault: Fault, at_s: f64) -> Fault {
-        let target = self.graph.target(&fault.process);
-        let (fields, reads) = target
-            .map(|target| (target.fields, target.reads))
-            .unwrap_or_default();
-        let (kind, usual_s) = (fault.kind, fault.kind.usual_length_s());
-        let for_s = usual_s.is_finite().then(|| self.scaled(usual_s, 5.0));
-        let usual = fault.way.map_or(0.0, |way| kind.usual_amount(way));
-        let is_signed = matches!(fault.way, Some(Way::Bias | Way::Drift));
-        let sign = if is_signed && self.below(2) == 0 {
-            -1.0
-        } else {
-            1.0
-        };
-        let amount = (usual > 0.0).then(|| sign * self.scaled(usual, 3.0));
-        let is_part = kind.has_probability() && self.below(2) == 0;
-        let field = (kind == Kind::Corrupt).then(|| {
-            let fields: Vec<_> = fields.iter().filter(|field| field.is_number()).collect();
-            let field = fields[self.below(fields.len())];
-            format!(
-                "{}[{}]",
-                field.name,
-                self.below(field.size / size_of::<f64>())
-            )
-        });
-        let is_late = kind == Kind::Delay;
-        Fault {
-            at_tick: Some(self.ticks(at_s)),
-            for_ticks: for_s.map(|s| self.ticks(s)),
-            amount,
-            probability: is_part.then(|| 0.05 + 0.95 * self.unit()),
-            field,
-            topic: (kind == Kind::Cut).then(|| reads[self.below(reads.len())].clone()),
-            delay_ticks: is_late.then(|| 1 + self.below(10) as u64),
-            jitter_ticks: is_late.then(|| self.below(6) as u64),
-            joint: kind
-                .concerns_joint()
-                .then(|| 1 + self.below(self.joints as usize) as u32),
-            ..fault
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn every_fault_of_every_plan_can_be_scheduled_and_comes() {
+    fn every_fault_is_tried_alone_and_can_be_scheduled() {
         let robot = Robot::builtin("puma560").unwrap();
         for is_steered in [false, true] {
             let graph = Graph::built_in(is_steered).unwrap();
-            let deal = |seed| {
-                let mut deck = Deck::new(&robot, graph.clone(), 1000, seed);
-                (0..30).map(|_| deck.round(60.0)).collect::<Vec<_>>()
-            };
-            let rounds = deal(7);
+            let [grid, again, other] =
+                [1, 1, 2].map(|seed| grid(&robot, &graph, seed, 1000, None, 200));
             assert!(
-                rounds == deal(7) && rounds != deal(8),
-                "a seed deals the same again"
+                grid == again && grid != other,
+                "a seed draws the same again"
             );
-            let grid = grid(&robot, &graph, 1, 1000, None, 200);
-            for fault in rounds.iter().chain(&grid).flatten() {
+            for fault in grid.iter().flatten() {
                 let target = graph.target(&fault.process).unwrap();
                 assert!(fault.schedule(&target, 1000, 1).is_ok(), "{fault}");
             }
-            for plans in [&rounds, &grid] {
-                let has = |fault: &Fault| {
-                    let is_it = |one: &Fault| {
-                        (&one.process, one.kind, one.way) == (&fault.process, fault.kind, fault.way)
-                    };
-                    plans.iter().flatten().any(is_it)
-                };
-                assert!(
-                    every(&graph)
-                        .iter()
-                        .all(|fault| ends_world(fault) || has(fault))
-                );
-            }
-            for round in &rounds {
-                let early = |fault: &Fault| fault.at_tick < Some(50_000);
-                assert!(
-                    round.len() > 15
-                        && !round.iter().any(|fault| ends_world(fault) && early(fault))
-                );
-            }
-            let is_fatal = |round: &&Vec<Fault>| {
-                round
-                    .iter()
-                    .filter(|fault| fault.at_tick > Some(56_000))
-                    .count()
-                    > 0
-            };
-            assert!(
-                (2..15).contains(&rounds.iter().filter(is_fatal).count()),
-                "rounds that end by design"
-            );
+            let alone = grid.iter().filter(|plan| plan.len() == 1);
+            assert_eq!(alone.count(), every(&graph).len());
         }
     }
 

@@ -1,11 +1,9 @@
 //! A run in its processes, of which faults are requested before its first tick, as `armplane fault` would; and what is seen of it.
 
-use std::cell::RefCell;
-
-use launcher::{End, Event, Outcome};
+use launcher::{End, Outcome};
 use model::Robot;
 use recorder::{Contents, RecordReader};
-use runtime::{ControlPage, MOST_WHEN_REQUESTED, RunDir, Stop, random};
+use runtime::{ControlPage, MOST_WHEN_REQUESTED, RunDir, random};
 use serde::Serialize;
 use session::{Failure, Results};
 use shared_types::fault::Fault;
@@ -33,20 +31,12 @@ pub(super) struct Ran {
     pub(super) messages: Messages,
     pub(super) truth: Vec<PlantState>,
     pub(super) samples: Vec<SensorSample>,
-    /// Lines of the processes.
-    pub(super) lines: Vec<String>,
     pub(super) left_behind: Vec<String>,
 }
 
 impl Stage<'_> {
-    /// Runs a scenario; after so many ticks the run is stopped.
-    pub(super) fn run(
-        &self,
-        scenario: Scenario,
-        live: &[Fault],
-        most_ticks: u64,
-        progress: &dyn Fn(u64),
-    ) -> Result<Ran, Failure> {
+    /// Runs a scenario with live faults.
+    pub(super) fn run(&self, scenario: Scenario, live: &[Fault]) -> Result<Ran, Failure> {
         let job = Job {
             scenario,
             // The judge of a cell reads the record.
@@ -59,27 +49,15 @@ impl Stage<'_> {
             .iter()
             .for_each(|without| without.leave_out_of(&mut plan));
         // Of each start of the processes.
-        let (pages, mut names, mut lines) = (RefCell::new(Vec::new()), Vec::new(), Vec::new());
+        let mut names = Vec::new();
         let mut begin = |run: &RunDir| {
-            let page = ControlPage::open(run).map_err(Failure::work)?;
             if names.is_empty() {
-                request(&page, &job, live)?;
+                request(&ControlPage::open(run).map_err(Failure::work)?, &job, live)?;
             }
             names.push(run.name().to_owned());
-            pages.borrow_mut().push(page);
             Ok(())
         };
-        let launched = session::launch_watched(&job, plan, &mut begin, &mut |event| {
-            let late = matches!(event, Event::Progress { ticks } if *ticks > most_ticks);
-            if let Some(page) = pages.borrow().last().filter(|_| late) {
-                page.request_stop(Stop::Chain);
-            }
-            match event {
-                Event::Progress { ticks } => progress(*ticks),
-                Event::Line { process, line } => lines.push(format!("{process}: {line}")),
-                _ => {}
-            }
-        });
+        let launched = session::launch_watched(&job, plan, &mut begin, &mut |_| ());
         let (outcome, account) = launched?;
         let summary = session::summarise(&job, &outcome, account);
         let messages = counted(&outcome, summary.recorder.messages);
@@ -91,7 +69,6 @@ impl Stage<'_> {
             job,
             summary,
             messages,
-            lines,
         })
     }
 }

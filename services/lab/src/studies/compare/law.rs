@@ -107,10 +107,10 @@ impl Law {
     }
 
     /// A row with its name.
-    pub(super) fn named(&self, row: &Row) -> Row {
+    pub(super) fn named(&self, row: Row) -> Row {
         Row {
             law: self.name().to_owned(),
-            ..row.clone()
+            ..row
         }
     }
 }

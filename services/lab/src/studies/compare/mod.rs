@@ -1,28 +1,31 @@
 //! Control laws compared: every law on the same plant, seed and task, on one scenario or on many lines.
 
-mod arm_lines;
 mod law;
+mod lines;
 mod race;
 mod text;
 mod verdict;
 
-pub use arm_lines::{ArmLines, ArmSweep, Drawn, Line, Outcome};
 pub use law::{Law, laws};
+pub use lines::{Drawn, Lines};
 pub use race::{Race, Racer, race};
 
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
 use control::Kind;
-use lines::KINDS;
 use model::{Refused, Robot};
+use serde::Serialize;
 use serde_json::{Map, Value, json};
 use session::{Failure, Observer, Results, load};
 use shared_types::codes::singularity_name;
 use shared_types::graph::Graph;
 use shared_types::scenario::Scenario;
+use shared_types::summary::{BOUNDARY, MISSED, REACHED};
 
 use crate::folder::check;
 use crate::pool::on_all_cores;
 use crate::row::Row;
-use crate::trial::Trial;
 
 /// The scenario that stands for many lines.
 pub const SWEEP: &str = "sweep";
@@ -33,25 +36,44 @@ pub struct Request<'a> {
     pub scenarios: &'a [String],
     /// The laws.
     pub laws: &'a [Law],
-    /// Values that override those of every scenario.
-    pub settings: &'a [String],
-    /// Seed of every random number; the scenario's where it is `None`.
-    pub seed: Option<u64>,
     /// The results folder; the next free `runs/compare-NNN` where it is `None`.
-    pub out: Option<&'a std::path::Path>,
-    /// Of the scenario `sweep`.
-    pub size: SweepSize,
+    pub out: Option<&'a Path>,
+    /// The lines of the scenario `sweep`; settings and seed of every scenario.
+    pub lines: Lines<'a>,
     /// The plant in place of the simulated arm, as of a run.
     pub plant: Option<&'a str>,
 }
 
-/// How many lines, and how fast.
-#[derive(Clone, Copy, Debug)]
-pub struct SweepSize {
-    /// Lines.
-    pub count: u32,
-    /// Peak speed; m/s.
-    pub speed: f64,
+/// The outcome of a task.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Outcome {
+    /// By the goal of the scenario.
+    Reached,
+    /// Before the start, or on the way, and the arm brought to rest within its limits: the reason says why.
+    Refused,
+    /// The run was completed, and its reason names a cause: a hold, or the path's accuracy.
+    Missed,
+    /// The goal was not reached, and nothing says why.
+    Silent,
+}
+
+/// A task and its run.
+#[derive(Clone, Debug, Serialize)]
+pub struct Line {
+    /// The singularities that it passes, by name.
+    pub singularities: String,
+    /// Where on the line.
+    pub place: &'static str,
+    /// Its outcome.
+    pub outcome: Outcome,
+    /// Why, in words.
+    pub reason: String,
+    /// Time that the plan before the start took on this machine, where it is measured; ms.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub planning_ms: Option<f64>,
+    /// The run; `None` where it was refused before the start.
+    pub score: Option<Row>,
 }
 
 /// One scenario, or the lines that stand for the scenario `sweep`, under each law.
@@ -61,16 +83,16 @@ pub struct Compared {
     robot: String,
     /// How many planned faults were left out.
     faults_left_out: usize,
-    /// Peak speed of the lines; m/s.
-    speed: f64,
-    /// The singularity that each line passes; none of a scenario with a path of its own.
-    near: Vec<Kind>,
-    /// Of each law a row for each line, or one.
-    laws: Vec<(Law, Vec<Row>)>,
+    /// Peak speed of the lines, m/s; `None` of one task.
+    speed: Option<f64>,
+    /// Each line is exactly singular somewhere: each has a row, and its plan is measured.
+    is_exact: bool,
+    tasks: Vec<Drawn>,
+    laws: Vec<(Law, Vec<Line>)>,
 }
 
-/// Runs each scenario under each law, hands each comparison to `each` when it is complete, and saves `compare.json`. Returns
-/// the JSON and the folder.
+/// Runs each scenario under each law, hands each comparison to `each` when it is complete, and saves `compare.json`, and each line through an exact
+/// singularity that did not reach its goal as a scenario. Returns the JSON and the folder.
 ///
 /// # Errors
 /// [`Failure`] where a scenario cannot be run, or a file cannot be written.
@@ -78,81 +100,31 @@ pub fn compare(
     request: &Request<'_>,
     observer: Observer<'_>,
     each: &mut dyn FnMut(&Compared),
-) -> Result<(Value, std::path::PathBuf), Failure> {
-    let load = |name: &String| load::scenario(name, request.settings, request.seed);
-    let loaded = request.scenarios.iter().map(load);
-    let loaded = loaded.collect::<Result<Vec<_>, _>>()?;
+) -> Result<(Value, PathBuf), Failure> {
+    let names = request.scenarios.iter();
+    let begun = names.map(|name| Compared::begin(name, &request.lines, observer));
+    let begun = begun.collect::<Result<Vec<_>, _>>()?;
     let results = Results::create(request.out, "compare")?;
     let mut comparisons = Vec::new();
-    for loaded in &loaded {
-        let compared = Compared::run(loaded, request, observer)?;
+    for (robot, mut compared) in begun {
+        compared.run(&robot, request, observer)?;
         each(&compared);
         comparisons.push(compared.json());
+        for (number, task) in compared.unreached() {
+            lines::save(&results.folder, number, &task.scenario)?;
+        }
     }
     let whole = json!({"version": env!("CARGO_PKG_VERSION"), "scenarios": comparisons});
     results.save("compare.json", &whole)?;
     Ok((whole, results.folder.clone()))
 }
 
-/// Saves the lines that stand for the scenario `sweep` as scenario files in a folder; their number.
-///
-/// # Errors
-/// [`Failure`] where there is no such robot or setting, the folder exists, or a file cannot be written.
-pub fn save_lines(
-    folder: &std::path::Path,
-    settings: &[String],
-    seed: Option<u64>,
-    size: SweepSize,
-) -> Result<usize, Failure> {
-    let loaded = load::scenario(SWEEP, settings, seed)?;
-    let lines = draw(&loaded, size)?;
-    arm_lines::save_scenarios(folder, lines.iter().map(|line| &line.scenario))
-}
-
-/// Lines through and near each singularity of a PUMA: those of the scenario `sweep`.
-///
-/// # Errors
-/// [`Failure`] where there is no such robot or setting.
-pub fn near_lines(
-    settings: &[String],
-    seed: Option<u64>,
-    size: SweepSize,
-) -> Result<Vec<Drawn>, Failure> {
-    let loaded = load::scenario(SWEEP, settings, seed)?;
-    let lines = draw(&loaded, size)?.into_iter();
-    let drawn = lines.map(|line| Drawn {
-        singularities: name_of(line.near),
-        place: "near",
-        scenario: line.scenario,
-    });
-    Ok(drawn.collect())
-}
-
-/// Seeded lines of the scenario `sweep`.
-///
-/// # Errors
-/// [`Failure::Input`] for an arm without a PUMA's factors.
-fn draw(loaded: &load::Loaded, size: SweepSize) -> Result<Vec<lines::Line>, Failure> {
-    let (robot, count) = (&loaded.robot, size.count as usize);
-    let mut template = loaded.scenario.clone();
-    // The lines fill the arm's whole reach: where a floor would be, too.
-    template.plant.floor_m = None;
-    let lines = lines::lines(robot, &template, template.seed, count, size.speed);
-    if lines.is_empty() {
-        return Err(Failure::Input(format!(
-            "the sweep's lines are drawn for a PUMA, and '{}' has no such factors: compare scenarios of your own instead",
-            robot.name
-        )));
-    }
-    Ok(lines)
-}
-
 /// The results of runs; in processes, a signal ends each of them.
 ///
 /// # Errors
 /// [`Failure::Work`] where one has come.
-fn unless_stopped<T>(graph: Option<&Graph>, runs: impl FnOnce() -> T) -> Result<T, Failure> {
-    if graph.is_none() {
+fn unless_stopped<T>(is_in_processes: bool, runs: impl FnOnce() -> T) -> Result<T, Failure> {
+    if !is_in_processes {
         return Ok(runs());
     }
     let mut signals = session::interrupts()?;
@@ -161,97 +133,180 @@ fn unless_stopped<T>(graph: Option<&Graph>, runs: impl FnOnce() -> T) -> Result<
     Ok(done)
 }
 
-/// Runs trials on all cores.
-fn rows(title: &str, trials: &[Trial<'_>], observer: Observer<'_>) -> Result<Vec<Row>, Refused> {
-    on_all_cores(title, trials, Trial::run, observer)
-        .into_iter()
-        .collect()
-}
-
 impl Compared {
-    fn run(
-        loaded: &load::Loaded,
-        request: &Request<'_>,
+    /// The tasks of a scenario by its name, before they are run.
+    fn begin(
+        name: &str,
+        lines: &Lines<'_>,
         observer: Observer<'_>,
-    ) -> Result<Self, Failure> {
-        let scenario = chain::without_faults(&loaded.scenario);
-        let name = scenario.name.as_str();
-        let robot: &Robot = &loaded.robot;
-        let (near, tasks) = if name == SWEEP {
-            let lines = draw(loaded, request.size)?;
-            let parts = |line: lines::Line| (line.near, chain::without_faults(&line.scenario));
-            lines.into_iter().map(parts).unzip()
+    ) -> Result<(Robot, Self), Failure> {
+        let is_sweep = name == SWEEP;
+        let (robot, scenario, tasks) = if is_sweep {
+            lines.some(observer)?
         } else {
-            (Vec::new(), vec![scenario.clone()])
+            let load::Loaded {
+                robot, scenario, ..
+            } = load::scenario(name, lines.settings, lines.seed)?;
+            let task = Drawn {
+                singularities: String::new(),
+                place: "",
+                scenario: chain::without_faults(&scenario),
+            };
+            (robot, scenario, vec![task])
         };
-        let graphs = request
-            .laws
-            .iter()
-            .map(|law| law.graph(request.plant, robot, &tasks[0]));
-        let graphs = graphs.collect::<Result<Vec<_>, _>>()?;
-        let under = |(law, graph)| {
-            let graph: &Option<Graph> = graph;
-            let trial = move |task| Law::trial(law, robot, task, graph.as_ref());
-            tasks.iter().map(trial)
-        };
-        let trials: Vec<_> = request.laws.iter().zip(&graphs).flat_map(under).collect();
-        let in_processes = graphs.iter().flatten().next();
-        let rows = unless_stopped(in_processes, || rows(name, &trials, observer))?
-            .map_err(|error| Failure::Input(format!("{name}: {error}")))?;
-        let of_law = |(law, rows): (&Law, &[Row])| {
-            let rows = rows.iter().map(|row| law.named(row));
-            (law.clone(), rows.collect())
-        };
-        Ok(Self {
-            faults_left_out: loaded.scenario.fault.len(),
+        let compared = Self {
+            faults_left_out: scenario.fault.len(),
+            scenario: chain::without_faults(&scenario),
             robot: robot.name.clone(),
-            speed: request.size.speed,
-            laws: request
-                .laws
-                .iter()
-                .zip(rows.chunks(tasks.len()))
-                .map(of_law)
-                .collect(),
-            near,
-            scenario,
-        })
+            speed: is_sweep.then_some(lines.speed),
+            is_exact: is_sweep && lines.robot.is_some(),
+            tasks,
+            laws: Vec::new(),
+        };
+        Ok((robot, compared))
     }
 
-    /// How many of a law's lines near a singularity (near any: `None`) are so, and of how many.
-    fn count(&self, rows: &[Row], near: Option<Kind>, so: fn(&Row) -> bool) -> (usize, usize) {
-        let lines = self.near.iter().zip(rows);
-        let of: Vec<_> = lines
-            .filter(|(kind, _)| near.is_none_or(|near| near == **kind))
-            .map(|(_, row)| so(row))
-            .collect();
-        (of.iter().filter(|so| **so).count(), of.len())
+    fn run(
+        &mut self,
+        robot: &Robot,
+        request: &Request<'_>,
+        observer: Observer<'_>,
+    ) -> Result<(), Failure> {
+        let (name, tasks) = (&self.scenario.name, &self.tasks);
+        let laws = request.laws.iter();
+        let graph = |law: &Law| law.graph(request.plant, robot, &tasks[0].scenario);
+        let graphs = laws.map(graph).collect::<Result<Vec<_>, _>>()?;
+        let under = |(law, graph)| tasks.iter().map(move |task| (law, graph, task));
+        let all: Vec<_> = request.laws.iter().zip(&graphs).flat_map(under).collect();
+        let plans = self.is_exact;
+        let run = |(law, graph, task): &(&Law, &Option<Graph>, &Drawn)| {
+            run(robot, law, graph.as_ref(), task, plans)
+        };
+        let is_in_processes = graphs.iter().any(Option::is_some);
+        let lines = unless_stopped(is_in_processes, || on_all_cores(name, &all, run, observer))?;
+        let mut refused = lines.iter().filter(|line| line.score.is_none());
+        if let Some(line) = refused.next().filter(|_| self.speed.is_none()) {
+            return Err(Failure::Input(format!("{name}: {}", line.reason)));
+        }
+        let of_law = lines.chunks(tasks.len()).map(<[_]>::to_vec);
+        self.laws = request.laws.iter().cloned().zip(of_law).collect();
+        Ok(())
+    }
+
+    /// The lines through exact singularities that did not reach their goal under the first law, with their numbers from 1 on.
+    pub fn unreached(&self) -> impl Iterator<Item = (usize, &Drawn)> {
+        let first = self.laws.first().filter(|_| self.is_exact);
+        let lines = first.into_iter().flat_map(|(_, lines)| lines);
+        let numbered = (1..).zip(lines.zip(&self.tasks));
+        numbered
+            .filter(|(_, (line, _))| line.outcome != Outcome::Reached)
+            .map(|(number, (_, task))| (number, task))
+    }
+
+    /// The names of the singularities, in the order in which they were drawn.
+    fn names(&self) -> Vec<&str> {
+        let mut names: Vec<&str> = Vec::new();
+        for task in &self.tasks {
+            if !names.contains(&task.singularities.as_str()) {
+                names.push(&task.singularities);
+            }
+        }
+        names
     }
 
     /// For machines.
     pub fn json(&self) -> Value {
         let Scenario { name, seed, .. } = &self.scenario;
-        if self.near.is_empty() {
-            let laws: Vec<_> = self.laws.iter().flat_map(|(_, rows)| rows).collect();
+        let Some(speed) = self.speed else {
+            let lines = self.laws.iter().flat_map(|(_, lines)| lines);
+            let laws: Vec<_> = lines.filter_map(|line| line.score.as_ref()).collect();
             return json!({
                 "scenario": name, "robot": self.robot, "seed": seed, "faults_left_out": self.faults_left_out, "laws": laws,
             });
-        }
-        let of_law = |(law, rows): &(Law, Vec<Row>)| {
-            let counts = |near: Option<Kind>| {
-                let count = |so| self.count(rows, near, so).0;
-                let lines = self.count(rows, near, |_| true).1;
-                json!({"lines": lines, "s1": count(|row| row.task.s1), "s2": count(|row| row.task.s2), "ends": count(Row::ended)})
-            };
-            let near: Map<_, _> = KINDS
-                .iter()
-                .map(|kind| (name_of(*kind), counts(Some(*kind))))
+        };
+        let of_law = |(law, lines): &(Law, Vec<Line>)| {
+            let near = self.names().into_iter();
+            let near: Map<_, _> = near
+                .map(|name| (name.to_owned(), Counts::of(lines, Some(name)).json()))
                 .collect();
-            let line = |(kind, row): (&Kind, &Row)| json!({"near": name_of(*kind), "score": row});
-            let lines: Vec<_> = self.near.iter().zip(rows).map(line).collect();
-            json!({"law": law.name(), "all": counts(None), "near": near, "lines": lines})
+            let all = Counts::of(lines, None).json();
+            json!({"law": law.name(), "all": all, "near": near, "lines": lines})
         };
         let laws: Vec<_> = self.laws.iter().map(of_law).collect();
-        json!({"scenario": name, "seed": seed, "speed_m_s": self.speed, "laws": laws})
+        json!({"scenario": name, "robot": self.robot, "seed": seed, "speed_m_s": speed, "laws": laws})
+    }
+}
+
+/// Lines of a law near a singularity, or near any.
+struct Counts<'a>(Vec<&'a Line>);
+
+impl<'a> Counts<'a> {
+    fn of(lines: &'a [Line], near: Option<&str>) -> Self {
+        let is_near = |line: &&Line| near.is_none_or(|near| line.singularities == near);
+        Self(lines.iter().filter(is_near).collect())
+    }
+
+    fn rows(&self) -> impl Iterator<Item = &'a Row> {
+        self.0.iter().filter_map(|line| line.score.as_ref())
+    }
+
+    fn so(&self, so: fn(&Row) -> bool) -> usize {
+        self.rows().filter(|row| so(row)).count()
+    }
+
+    fn ended(&self, outcome: Outcome) -> usize {
+        let ended = self.0.iter().filter(|line| line.outcome == outcome);
+        ended.count()
+    }
+
+    fn json(&self) -> Value {
+        json!({
+            "lines": self.0.len(), "s1": self.so(|row| row.task.s1), "s2": self.so(|row| row.task.s2), "ends": self.so(Row::ended),
+            "reached": self.ended(Outcome::Reached), "refused": self.ended(Outcome::Refused), "missed": self.ended(Outcome::Missed),
+            "silent": self.ended(Outcome::Silent),
+        })
+    }
+}
+
+fn run(robot: &Robot, law: &Law, graph: Option<&Graph>, task: &Drawn, plans: bool) -> Line {
+    let trial = law.trial(robot, &task.scenario, graph);
+    let began = Instant::now();
+    let planned = match law {
+        Law::Own(_) if plans => planned(robot, &trial.scenario),
+        _ => Ok(()),
+    };
+    let planning_ms = plans.then(|| began.elapsed().as_secs_f64() * 1e3);
+    let result = planned.and_then(|()| trial.run());
+    let (outcome, reason) = match &result {
+        Err(refused) => (Outcome::Refused, refused.to_string()),
+        Ok(row) => (outcome(row), row.reason.clone()),
+    };
+    Line {
+        singularities: task.singularities.clone(),
+        place: task.place,
+        outcome,
+        reason,
+        planning_ms,
+        score: result.ok().map(|row| law.named(row)),
+    }
+}
+
+/// Plans as a run does, and leaves it at that.
+fn planned(robot: &Robot, scenario: &Scenario) -> Result<(), Refused> {
+    let chain = chain::Chain::new(robot, scenario)?;
+    let obstacle = chain.obstacle().map(Refused::because);
+    obstacle.map_or(Ok(()), Err)
+}
+
+fn outcome(row: &Row) -> Outcome {
+    let within = row.joints.speed_max_ratio <= 1.0 && row.joints.stopped_ticks == 0;
+    let says = !row.task.causes.is_empty();
+    match row.outcome.as_str() {
+        REACHED => Outcome::Reached,
+        BOUNDARY => Outcome::Missed,
+        "stopped" if within => Outcome::Refused,
+        MISSED if within && says => Outcome::Missed,
+        _ => Outcome::Silent,
     }
 }
 

@@ -21,7 +21,7 @@ use crate::trial::Trial;
 /// Pictures of both arms per second, as in every recording.
 const PICTURE_HZ: u32 = 50;
 /// How often the counters are written; pictures.
-const COUNTERS_EVERY: u64 = 10;
+const COUNTERS_EVERY: usize = 10;
 
 /// How a law did so far.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
@@ -86,11 +86,10 @@ pub fn race(
     }
     let results = Results::create(out, "race")?;
     let every = u64::from((scenario.rate_hz / PICTURE_HZ).max(1));
-    let (title, unit) = ("race", "laws");
     observer(Progress::Begin {
-        title,
+        title: "race",
         length: 3,
-        unit,
+        unit: "laws",
     });
     let [ours, theirs] = [law, rival].map(|law| {
         let driven = run(&Trial::under(law, &robot, &scenario), every);
@@ -98,31 +97,32 @@ pub fn race(
         driven
     });
     let (ours, theirs) = (ours?, theirs?);
-    let pairs = ours
-        .iter()
-        .zip(theirs.iter().chain(theirs.last().into_iter().cycle()));
-    let words = pairs.enumerate().map(|(picture, (ours, theirs))| {
+    let mut words = Vec::new();
+    let rival_at = |picture: usize| theirs.get(picture).or(theirs.last()).copied();
+    for (picture, (_, racer)) in ours.iter().enumerate() {
         // Counters that change with each picture cannot be read.
-        (picture as u64)
-            .is_multiple_of(COUNTERS_EVERY)
-            .then(|| counters(names, [&ours.1, &theirs.1]))
-    });
+        let held = words
+            .last()
+            .filter(|_| picture % COUNTERS_EVERY > 0)
+            .cloned();
+        let rival = rival_at(picture).map_or_else(Racer::default, |(_, racer)| racer);
+        words.push(held.unwrap_or_else(|| counters(names, [racer, &rival])));
+    }
     let rival_drawn = Rival {
         every,
         postures: theirs.iter().map(|(q, _)| *q).collect(),
-        words: held(words),
+        words,
     };
     record(&robot, &scenario, &rival_drawn, &results.folder)?;
     observer(Progress::End);
-    let ours = ours.last().map_or_else(Racer::default, |(_, racer)| *racer);
-    let rival = theirs
-        .last()
-        .map_or_else(Racer::default, |(_, racer)| *racer);
+    let last = |places: &[([f64; MAX_DOF], Racer)]| {
+        places.last().map_or_else(Racer::default, |last| last.1)
+    };
     let race = Race {
         scenario: scenario.name.clone(),
         seed: scenario.seed,
-        law: (names[0].to_owned(), ours),
-        rival: (names[1].to_owned(), rival),
+        law: (names[0].to_owned(), last(&ours)),
+        rival: (names[1].to_owned(), last(&theirs)),
         folder: results.folder.clone(),
     };
     let json = serde_json::to_value(&race).map_err(Failure::work)?;
@@ -143,16 +143,6 @@ fn run(trial: &Trial<'_>, every: u64) -> Result<Vec<([f64; MAX_DOF], Racer)>, Fa
     ended.map_err(Failure::input)?;
     places.push((q, racer));
     Ok(places)
-}
-
-/// Words that hold until the next.
-fn held(words: impl Iterator<Item = Option<String>>) -> Vec<String> {
-    let mut now = String::new();
-    let hold = words.map(|words| {
-        now = words.unwrap_or_else(|| std::mem::take(&mut now));
-        now.clone()
-    });
-    hold.collect()
 }
 
 /// Draws the scenario's own law with the rival beside it.

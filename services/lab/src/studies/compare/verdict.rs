@@ -1,11 +1,8 @@
-//! The law that wins a comparison, and by how much. PURE.
+//! The law that wins a comparison. PURE.
 
 use recorder::Bounds;
-use shared_types::bounds::larger;
-use viz::digits;
 
 use crate::row::Row;
-use crate::text::percent;
 
 /// Errors within this ratio of the best tie with it.
 const SAME: f64 = 1.1;
@@ -37,12 +34,6 @@ fn succeeds(row: &Row) -> bool {
     row.task.s1 || row.task.s2
 }
 
-/// The load that a law puts on the joints: the largest speed or torque, as a share of its limit.
-fn load(row: &Row) -> f64 {
-    let joints = &row.joints;
-    larger(joints.speed_max_ratio, joints.torque_commanded_max_ratio)
-}
-
 /// Each law's verdict in a table: it wins, ties with others, succeeds, or fails.
 pub(super) fn verdicts(rows: &[Row]) -> Vec<String> {
     let (ranked, winners) = ranked(rows);
@@ -58,7 +49,7 @@ pub(super) fn verdicts(rows: &[Row]) -> Vec<String> {
     rows.iter().map(of).collect()
 }
 
-/// The bars that each law that fails has missed, a line each; then the margin by which the best law wins, where there is another.
+/// The bars that each law that fails has missed, a line each.
 pub(super) fn findings(rows: &[Row]) -> Vec<String> {
     let failed = rows.iter().filter(|row| !succeeds(row));
     let missed = |row: &Row| {
@@ -68,51 +59,7 @@ pub(super) fn findings(rows: &[Row]) -> Vec<String> {
             false => format!("{} fails: {missed}; {}", row.law, row.reason),
         }
     };
-    failed.map(missed).chain(margin(rows)).collect()
-}
-
-fn margin(rows: &[Row]) -> Option<String> {
-    let (ranked, winners) = ranked(rows);
-    let best = ranked.first()?;
-    // A law that ended early has no error that could be compared.
-    if rows.len() > 1 && !best.completed {
-        return Some("no law succeeds, and none ran to its end".to_owned());
-    }
-    let next = ranked.get(winners)?;
-    let winners = &ranked[..winners];
-    let with_load = |row: &&Row| format!("{} (load {})", row.law, percent(load(row)));
-    let names: Vec<_> = winners.iter().map(with_load).collect();
-    let names = names.join(", ");
-    let begin = match (succeeds(best), winners.len()) {
-        (true, 1) => format!("{names} wins"),
-        (true, _) => format!("{names} tie"),
-        (false, _) => format!("no law succeeds; {names} comes closest"),
-    };
-    let end = match succeeds(next) {
-        true => "succeeds too",
-        false => "fails",
-    };
-    let worse = |of: fn(&Row) -> f64, unit: &str| match of(best) {
-        better if better > 0.0 => {
-            let (value, times) = (digits(of(next)), of(next) / better);
-            format!("{value}{unit} ({times:.1} ×)")
-        }
-        _ => format!("{}{unit}", digits(of(next))),
-    };
-    let [mm, deg] = [
-        worse(|row| row.task.orthogonal_max_mm, " mm"),
-        worse(|row| row.task.orthogonal_max_deg, "°"),
-    ];
-    let next = match next.completed {
-        true => format!("{}: {mm} and {deg}, {end}", with_load(next)),
-        false => format!("{}, which ended early", next.law),
-    };
-    let most = |of: fn(&Row) -> f64| digits(winners.iter().map(|row| of(row)).fold(0.0, larger));
-    Some(format!(
-        "{begin}: at most {} mm and {}° off, orthogonal to ζ; next {next}",
-        most(|row| row.task.orthogonal_max_mm),
-        most(|row| row.task.orthogonal_max_deg),
-    ))
+    failed.map(missed).collect()
 }
 
 #[cfg(test)]
@@ -144,12 +91,6 @@ mod tests {
         let (order, winners) = ranked(&rows);
         let order: Vec<_> = order.iter().map(|row| &*row.law).collect();
         assert_eq!((order, winners), (vec!["b", "c", "d", "a"], 2));
-        assert_eq!((margin(&rows[..1]), findings(&rows).len()), (None, 2));
-        let early = |law: &str| Row {
-            completed: false,
-            ..row(law, false, 0.0)
-        };
-        let none = margin(&[early("e"), early("f")]).unwrap();
-        assert!(!none.contains("mm"), "no error to compare: {none}");
+        assert_eq!(findings(&rows).len(), 1);
     }
 }
