@@ -42,13 +42,14 @@ struct Point<const N: usize> {
 }
 
 /// A motion q(s) between two points, s the fraction of a leg's way.
+#[derive(Clone)]
 struct Way<const N: usize> {
     leg: usize,
     /// Δs.
     length: f64,
     /// q′.
     slope: SVector<f64, N>,
-    /// ṡ and s̈ at both ends.
+    /// ṡ and s̈ at its beginning and in its middle.
     law: [(f64, f64); 2],
     /// s⃛ between them.
     jerk: f64,
@@ -233,37 +234,38 @@ impl<const N: usize> PathPlan<N> {
         };
         let (from, model) = (&self.points[i], request.model);
         let is_regular = report.listed().iter().all(|s| s.s.abs() >= s.eta_out);
-        let before = i
-            .checked_sub(1)
-            .and_then(|before| self.way(request, before));
-        let before = before.filter(|before| before.leg == way.leg);
-        let bend = before.map_or_else(SVector::zeros, |before| {
-            (way.slope - before.slope) / (0.5 * (way.length + before.length).abs())
-        });
-        let (A, gravity) = (model.mass_matrix(&from.q), model.gravity(&from.q));
-        let (straight, bends) = (A * way.slope, A * bend);
-        let counted = |straight: f64, bend: f64| {
-            let whole = (straight + bend).abs();
-            if is_regular {
-                whole
-            } else {
-                whole.min(straight.abs())
-            }
+        let neighbour = |i: Option<usize>| {
+            let beside = self.way(request, i?)?;
+            (beside.leg == way.leg && beside.length * way.length > 0.0).then_some(beside)
         };
+        // Where a leg begins there is none before it: the next one shows whether q(s) is straight.
+        let beside = neighbour(i.checked_sub(1)).or_else(|| neighbour(Some(i + 1)));
+        let beside = beside.unwrap_or_else(|| way.clone());
+        let (A, gravity) = (model.mass_matrix(&from.q), model.gravity(&from.q));
+        // At the point: q′ between the slopes of both sides, which lie half a length away, and q″ from their difference.
+        let length = way.length.abs() + beside.length.abs();
+        let slope = (way.slope * beside.length.abs() + beside.slope * way.length.abs()) / length;
+        let turn = A * (way.slope - beside.slope);
+        let (straight, bends) = (A * slope, turn * (2.0 / (way.length + beside.length)));
+        let [(v, a), (v_mid, a_mid)] = way.law;
+        let coriolis = model.bias(&from.q, &(slope * v)) - gravity;
         let (effort, torque_rate) = (model.effort(), model.torque_rate());
         let mut fastest = f64::INFINITY;
-        for (v, a) in way.law {
-            let coriolis = model.bias(&from.q, &(way.slope * v)) - gravity;
-            for j in 0..N {
-                let torque = counted(straight[j] * a + coriolis[j], bends[j] * v * v);
-                let room = clock::room(effort[j], gravity[j]);
-                fastest = fastest.min((room / torque.max(1e-9)).sqrt());
-                if (bends[j] * v * v).abs() <= STRAIGHT * (straight[j] * a).abs() {
-                    let change = (straight[j] * way.jerk).abs();
-                    let clock = libm::cbrt(RATE * torque_rate[j] / change.max(1e-9));
-                    fastest = fastest.min(clock);
-                }
+        for j in 0..N {
+            let (along, bend) = (straight[j] * a + coriolis[j], bends[j] * v * v);
+            let mut torque = (along + bend).abs();
+            if !is_regular {
+                torque = torque.min(along.abs());
             }
+            let is_straight = turn[j].abs() <= STRAIGHT * straight[j].abs()
+                && (bends[j] * v_mid * v_mid).abs() <= STRAIGHT * (straight[j] * a_mid).abs();
+            if is_straight {
+                torque = torque.max((straight[j] * a_mid).abs());
+                let change = (straight[j] * way.jerk).abs();
+                fastest = fastest.min(libm::cbrt(RATE * torque_rate[j] / change.max(1e-9)));
+            }
+            let room = clock::room(effort[j], gravity[j]);
+            fastest = fastest.min((room / torque.max(1e-9)).sqrt());
         }
         fastest
     }
@@ -280,13 +282,14 @@ impl<const N: usize> PathPlan<N> {
                 ..Progress::at(Pose::identity())
             })
         };
-        let [[s, v, a], [s_next, v_next, a_next]] = [law(from.t), law(to.t)];
+        let [[s, v, a], [_, v_mid, a_mid], [s_next, _, a_next]] =
+            [from.t, 0.5 * (from.t + to.t), to.t].map(law);
         let length = s_next - s;
         (length.abs() > 1e-9).then(|| Way {
             leg,
             length,
             slope: (to.q - from.q) / length,
-            law: [(v, a), (v_next, a_next)],
+            law: [(v, a), (v_mid, a_mid)],
             jerk: (a_next - a) / (to.t - from.t),
         })
     }

@@ -3,7 +3,7 @@
 use crate::testing::{puma, rk4, robot, scenario};
 use crate::types::{Command, Phase, Refusal, Report};
 use crate::{Analyzer, Controller, Inputs, start_posture};
-use model::Terms;
+use model::{Model, Robot, Terms};
 use nalgebra::SVector;
 use shared_types::scenario::Scenario;
 use shared_types::{AnalyzerCheckpoint, ControllerCheckpoint};
@@ -130,4 +130,50 @@ fn a_damaged_checkpoint_is_refused_and_the_arm_held() {
         );
         assert!(command.tau.iter().all(|x| x.is_finite()));
     }
+}
+
+/// A start on a joint limit, where noise takes the joint beyond, and one that gravity holds with nothing left: both are refused before the first tick.
+#[test]
+fn a_start_without_a_margin_is_refused() {
+    let puma = robot("puma560");
+    let (limit, line) = (puma.joints[5].lower, "by_m = [0.0, 0.0, -0.05]");
+    let obstacle = |robot: &Robot, gap: f64| {
+        let q6 = limit + gap;
+        let text = format!(
+            "name = \"x\"\nrobot = \"puma560\"\n[start]\nq = [0.3, -0.9, 2.6, 0.2, 0.8, {q6}]\n[[segment]]\n{line}\nduration_s = 2.0\n"
+        );
+        let scenario = scenario(&text, &[]);
+        let q = start_posture::<6>(robot, &scenario).unwrap();
+        let model = Model::<6>::new(robot, None).unwrap();
+        let gravity = model.gravity(&q);
+        let controller = Controller::new(model, robot, &scenario, q).unwrap();
+        (controller.obstacle().is_some(), gravity)
+    };
+    let (is_refused, gravity) = obstacle(puma, 0.01);
+    assert!(!is_refused && obstacle(puma, 0.0).0 && obstacle(puma, 1e-4).0);
+    for (share, refused) in [(0.99, true), (0.96, true), (0.9, false)] {
+        let mut heavy = puma.clone();
+        heavy.joints[1].effort = gravity[1].abs() / share;
+        assert_eq!(obstacle(&heavy, 0.01).0, refused, "{share}");
+    }
+}
+
+/// The desired pose of an arm that is brought to rest is the one at which its path has stopped.
+#[test]
+fn a_refusal_states_the_pose_at_which_the_path_stopped() {
+    let text = "name = \"x\"\nrobot = \"puma560\"\n[start]\nq = [0.3, -0.9, 2.6, 0.2, 0.8, 0.1]\n[[segment]]\nby_m = [0.0, 0.0, -0.05]\nduration_s = 0.5\n";
+    let scenario = scenario(text, &[]);
+    let q = start_posture::<6>(robot("puma560"), &scenario).unwrap();
+    let mut controller = Controller::new(puma().clone(), robot("puma560"), &scenario, q).unwrap();
+    let mut analyzer = Analyzer::new(robot("puma560"), &scenario.analysis);
+    let (qdot, X) = (SVector::zeros(), puma().forward_kinematics(&q));
+    let report = analyzer.step(&q, &qdot, &puma().evaluate(&q, &qdot));
+    let mut last = step(&mut controller, [&q, &qdot], &report, None);
+    for _ in 0..300 {
+        last = step(&mut controller, [&q, &qdot], &report, None);
+    }
+    let refused = controller.refuse(&q, &qdot, Refusal::Limit);
+    assert!(refused.phase == Phase::Refused && (last.X_BE_d.p - X.p).norm() > 1e-3);
+    let by = (refused.X_BE_d.p - last.X_BE_d.p).norm();
+    assert!(by < 1e-3, "{by}");
 }
