@@ -10,7 +10,7 @@
 //! task = ["x", "y", "z", "rx", "ry", "rz"]   # task axes. Default: those that can move wherever the arm faces, in this order, at most one per joint
 //! meshes = "."                      # folder from which the paths of meshes start. Default: that of the URDF
 //!
-//! [factors]                         # analytic factors of det J. Default: none, singularities are found numerically
+//! [factors]                         # analytic factors of det J, for `sweep` and for its sign. Default: none
 //! kind = "puma"                     # the only kind; a2, a3, d4 in m, modified DH. Checked against the geometry
 //! a2 = 0.4318
 //! a3 = -0.0203
