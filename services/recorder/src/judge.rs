@@ -248,6 +248,10 @@ impl Judge {
         let mut task = self.task.finish(self.ticks, self.planned_ticks);
         let mut beyond = self.reach.finish(self.truth.as_ref());
         beyond.at_end &= self.is_at_boundary;
+        // A steered run has no path whose reach could be asked, and its reference leads the hand a little: its end counts.
+        if self.path.place().is_none() && !beyond.at_end {
+            beyond = Beyond::default();
+        }
         along[0] = larger(along[0], beyond.within_mm);
         (task.beyond_max_mm, task.beyond_ticks) = (beyond.most_mm, beyond.ticks);
         let (outcome, mut reason) = match (self.phase, breach) {

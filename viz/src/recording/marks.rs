@@ -118,7 +118,7 @@ impl Recording<'_> {
             "now",
             words,
             QUIET,
-            picture.hand.p - Vec3::Z * (1.3 * unit),
+            picture.hand.p - Vec3::Z * (1.9 * unit),
         );
     }
 

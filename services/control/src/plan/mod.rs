@@ -31,7 +31,7 @@ pub use schedule::{PathPlan, Sample};
 use crate::paper::type_1::SIDE_CHANGE;
 use crate::reference::path::{Leg, Progress};
 use crate::singularity::analyzer::Analyzer;
-use crate::types::{Kind, Report};
+use crate::types::{Kind, Report, Singularity};
 use kinematics::Kinematics;
 use model::{Model, Pose};
 use nalgebra::{SVector, Vector3};
@@ -348,7 +348,9 @@ impl<'a, const N: usize> Route<'a, N> {
             let elbow = listed.find(|s| s.kind == Kind::Elbow);
             elbow.or(report.listed().first()).copied()
         };
-        let elbow = |q: &SVector<f64, N>| fold(q).map_or(0.0, |s| s.aux);
+        // Of an elbow sin θ, whose coordinate is another joint where it is folded back.
+        let side = |s: Singularity<N>| if s.kind == Kind::Elbow { s.s } else { s.aux };
+        let elbow = |q: &SVector<f64, N>| fold(q).map_or(0.0, side);
         let goal = postures.get(begun.leg).copied().flatten();
         let before = begun
             .leg
