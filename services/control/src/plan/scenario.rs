@@ -107,7 +107,7 @@ impl<const N: usize> Task<'_, N> {
 }
 
 /// Advice for a scenario that a controller refuses, as a clause: a change of its start or of its goal with which `succeeds` has seen it reach its end.
-/// Empty where the law makes no plan.
+/// Empty where the law makes no plan, or where a route is not what it lacks.
 ///
 /// # Errors
 /// [`Refused`] if the scenario does not fit the robot.
@@ -140,7 +140,8 @@ fn advised<const N: usize>(
         q_start: &q_start,
         postures: &postures,
     };
-    if !task.is_planned() {
+    // What has another cause than its route says by itself what to do.
+    if !task.is_planned() || task.request(plan).is_ok() {
         return Ok(String::new());
     }
     let mut helps = |remedy: &Remedy<N>| succeeds(&changed(robot, scenario, remedy));
