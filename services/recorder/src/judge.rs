@@ -249,7 +249,7 @@ impl Judge {
         let mut beyond = self.reach.finish(self.truth.as_ref());
         beyond.at_end &= self.is_at_boundary;
         // A steered run has no path whose reach could be asked, and its reference leads the hand a little: its end counts.
-        if self.path.place().is_none() && !beyond.at_end {
+        if self.steered.has_begun() && !beyond.at_end {
             beyond = Beyond::default();
         }
         along[0] = larger(along[0], beyond.within_mm);

@@ -348,8 +348,15 @@ impl<'a, const N: usize> Route<'a, N> {
             let elbow = listed.find(|s| s.kind == Kind::Elbow);
             elbow.or(report.listed().first()).copied()
         };
-        // Of an elbow sin θ, whose coordinate is another joint where it is folded back.
-        let side = |s: Singularity<N>| if s.kind == Kind::Elbow { s.s } else { s.aux };
+        // By factors sin θ: the coordinate of an elbow that is folded back is another joint.
+        let by_sine = analyzer.family().is_factored();
+        let side = |s: Singularity<N>| {
+            if by_sine && s.kind == Kind::Elbow {
+                s.s
+            } else {
+                s.aux
+            }
+        };
         let elbow = |q: &SVector<f64, N>| fold(q).map_or(0.0, side);
         let goal = postures.get(begun.leg).copied().flatten();
         let before = begun

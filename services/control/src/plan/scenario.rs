@@ -97,12 +97,16 @@ impl<const N: usize> Task<'_, N> {
                 1.0 / fastest
             ));
         }
-        let heavy = plan
-            .postures()
-            .find_map(|(t, q)| too_heavy(model, robot, q, &format!("at {t:.2} s of its path")));
-        heavy.map_or(Ok(Some(plan)), |why| {
+        self.heaviest(&plan).map_or(Ok(Some(plan)), |why| {
             Err(why + ": lead the path nearer to the base, or start in another posture")
         })
+    }
+
+    /// The first posture of a plan that a joint's torque limit does not hold, in words.
+    fn heaviest(&self, plan: &PathPlan<N>) -> Option<String> {
+        let place = |t: f64| format!("at {t:.2} s of its path");
+        let heavy = |(t, q): (f64, &_)| too_heavy(self.model, self.robot, q, &place(t));
+        plan.postures().find_map(heavy)
     }
 }
 
@@ -140,8 +144,12 @@ fn advised<const N: usize>(
         q_start: &q_start,
         postures: &postures,
     };
-    // What has another cause than its route says by itself what to do.
-    if !task.is_planned() || task.request(plan).is_ok() {
+    // A segment that is too short says by itself what to do.
+    let lacks_route = || {
+        let planned = task.request(plan);
+        planned.map_or(true, |plan| task.heaviest(&plan).is_some())
+    };
+    if !task.is_planned() || !lacks_route() {
         return Ok(String::new());
     }
     let mut helps = |remedy: &Remedy<N>| succeeds(&changed(robot, scenario, remedy));

@@ -122,17 +122,22 @@ impl<const N: usize> Family<N> {
         } else {
             Form::of::<N>(robot)
         };
-        let is_factored = matches!(form, Form::Factors(_));
+        let found = Self { form, ..nothing };
+        let tolerance = if found.is_factored() { ROUNDED } else { EXACT };
         let out = Self {
-            form,
-            offset: meets(if is_factored { ROUNDED } else { EXACT }),
-            ..nothing
+            offset: meets(tolerance),
+            ..found
         };
-        if is_factored {
+        if out.is_factored() {
             return out;
         }
         let tracker = out.tracked(robot, analysis, &terms);
         Self { tracker, ..out }
+    }
+
+    /// Whether the factors of det J give all singularities.
+    pub(crate) fn is_factored(&self) -> bool {
+        matches!(self.form, Form::Factors(_))
     }
 
     /// The tracker of the directions that no formula gives; `None` where there are more task axes than joints.

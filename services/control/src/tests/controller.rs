@@ -136,9 +136,9 @@ fn a_damaged_checkpoint_is_refused_and_the_arm_held() {
 #[test]
 fn a_start_without_a_margin_is_refused() {
     let puma = robot("puma560");
-    let (limit, line) = (puma.joints[5].lower, "by_m = [0.0, 0.0, -0.05]");
+    let (limit, line) = (puma.joints[5].upper, "by_m = [0.0, 0.0, -0.05]");
     let obstacle = |robot: &Robot, gap: f64| {
-        let q6 = limit + gap;
+        let q6 = limit - gap;
         let text = format!(
             "name = \"x\"\nrobot = \"puma560\"\n[start]\nq = [0.3, -0.9, 2.6, 0.2, 0.8, {q6}]\n[[segment]]\n{line}\nduration_s = 2.0\n"
         );
