@@ -102,12 +102,22 @@ pub fn compare(
     each: &mut dyn FnMut(&Compared),
 ) -> Result<(Value, PathBuf), Failure> {
     let names = request.scenarios.iter();
-    let begun = names.map(|name| Compared::begin(name, &request.lines, observer));
-    let begun = begun.collect::<Result<Vec<_>, _>>()?;
+    let begun = names.map(|name| {
+        let (robot, compared) = Compared::begin(name, &request.lines, observer)?;
+        let task = &compared.tasks[0].scenario;
+        let graph = |law: &Law| law.graph(request.plant, &robot, task);
+        let graphs = request
+            .laws
+            .iter()
+            .map(graph)
+            .collect::<Result<Vec<_>, _>>()?;
+        Ok((robot, graphs, compared))
+    });
+    let begun = begun.collect::<Result<Vec<_>, Failure>>()?;
     let results = Results::create(request.out, "compare")?;
     let mut comparisons = Vec::new();
-    for (robot, mut compared) in begun {
-        compared.run(&robot, request, observer)?;
+    for (robot, graphs, mut compared) in begun {
+        compared.run(&robot, &graphs, request, observer)?;
         each(&compared);
         comparisons.push(compared.json());
         for (number, task) in compared.unreached() {
@@ -169,15 +179,13 @@ impl Compared {
     fn run(
         &mut self,
         robot: &Robot,
+        graphs: &[Option<Graph>],
         request: &Request<'_>,
         observer: Observer<'_>,
     ) -> Result<(), Failure> {
         let (name, tasks) = (&self.scenario.name, &self.tasks);
-        let laws = request.laws.iter();
-        let graph = |law: &Law| law.graph(request.plant, robot, &tasks[0].scenario);
-        let graphs = laws.map(graph).collect::<Result<Vec<_>, _>>()?;
         let under = |(law, graph)| tasks.iter().map(move |task| (law, graph, task));
-        let all: Vec<_> = request.laws.iter().zip(&graphs).flat_map(under).collect();
+        let all: Vec<_> = request.laws.iter().zip(graphs).flat_map(under).collect();
         let plans = self.is_exact;
         let run = |(law, graph, task): &(&Law, &Option<Graph>, &Drawn)| {
             run(robot, law, graph.as_ref(), task, plans)
