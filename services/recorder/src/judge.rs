@@ -52,8 +52,8 @@ pub struct Judge {
     planned_ticks: f64,
     rate_hz: f64,
     k_v: f64,
-    /// The tick with which the repetition of an interrupted session is over; 0 for none.
-    last_tick: u64,
+    /// Of a steered run: the tick with which the repetition of an interrupted session is over; 0 for none.
+    session_ticks: Option<u64>,
     ticks: u64,
     path: PathMeter,
     task: TaskMeter,
@@ -91,7 +91,7 @@ impl Judge {
             path: PathMeter::new(truth.as_ref(), rate_hz, scenario.settle_s),
             rate_hz,
             k_v: scenario.control.k_v,
-            last_tick: scenario.servo.as_ref().map_or(0, |session| session.ticks),
+            session_ticks: scenario.servo.as_ref().map(|session| session.ticks),
             unasked: unasked(robot, scenario),
             ..Self::of(
                 truth,
@@ -126,7 +126,7 @@ impl Judge {
             planned_ticks,
             rate_hz: 1000.0,
             k_v: 1.0,
-            last_tick: 0,
+            session_ticks: None,
             ticks: 0,
             task: TaskMeter::default(),
             reach: ReachMeter::default(),
@@ -249,7 +249,7 @@ impl Judge {
         let mut beyond = self.reach.finish(self.truth.as_ref());
         beyond.at_end &= self.is_at_boundary;
         // A steered run has no path whose reach could be asked, and its reference leads the hand a little: its end counts.
-        if self.steered.has_begun() && !beyond.at_end {
+        if self.session_ticks.is_some() && !beyond.at_end {
             beyond = Beyond::default();
         }
         along[0] = larger(along[0], beyond.within_mm);
@@ -273,7 +273,7 @@ impl Judge {
         }
         let (singularities, modes) = self.singularities.finish();
         let joints = self.joints.finish();
-        let is_over = completed || self.ticks > 0 && self.last_tick == self.ticks;
+        let is_over = completed || self.ticks > 0 && self.session_ticks == Some(self.ticks);
         bars::judge(&mut task, &joints, (is_over, is_done), 1.0 / self.rate_hz);
         let wall_s = self.latency.wall_s();
         Summary {

@@ -34,11 +34,6 @@ impl SteeredMeter {
         (self.refused, self.stops) = (state.refused, state.stops);
     }
 
-    /// Whether the run is steered.
-    pub(super) fn has_begun(&self) -> bool {
-        !self.ticks.is_empty()
-    }
-
     /// The summary at so many ticks per second; `None` of a run that was not steered.
     pub(super) fn finish(self, rate_hz: f64) -> Option<ServoSummary> {
         let named = |counts: Vec<(u32, u64)>, names| {
@@ -53,7 +48,7 @@ impl SteeredMeter {
                 ticks as f64 / rate_hz,
             )
         };
-        self.has_begun().then(|| ServoSummary {
+        (!self.ticks.is_empty()).then(|| ServoSummary {
             seconds: self.ticks.iter().map(seconds).collect::<BTreeMap<_, _>>(),
             refused: named(self.by_refusal, TARGET_REFUSALS),
             stops: named(self.by_stop, REFUSALS),
