@@ -369,7 +369,8 @@ impl<'a, const N: usize> Search<'a, N> {
         for (k, next) in leg.layers.iter().enumerate() {
             let ends = k == 0 && leg.from_s == 0.0;
             let mut opening = layer.clone();
-            opening.retain(|node| self.opens(*node));
+            // A leg goes on in another direction than the one before.
+            opening.retain(|node| k == 0 || self.opens(*node));
             for node in opening {
                 layer.extend(self.waits(leg, node, t, ends));
             }
