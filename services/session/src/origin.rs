@@ -82,6 +82,12 @@ pub(crate) fn begin_at(place: &Place, settings: &[String]) -> Result<(Loaded, Or
     let planned = faults(before.as_ref().unwrap_or(&loaded))?;
     let record = run.folder.join(MESSAGES);
     let begin = newest_cut(&record, &job, &planned, place.tick)?;
+    if let Some(tick) = damaged_before(&record, &job, begin.tick)? {
+        return Err(refuse(&format!(
+            "{MESSAGES} is damaged at tick {tick}, before the cut at {}: go on from an earlier tick, or run it again",
+            begin.tick
+        )));
+    }
     let begin = match &before {
         None => begin,
         Some(before) => {
@@ -138,7 +144,43 @@ fn recorded(place: &Place) -> Result<(Run, Job), Failure> {
             place.tick
         )));
     }
+    if let Some(branch) = branched_after(&job, place.tick) {
+        return Err(refuse(&format!(
+            "it has its settings only from tick {} on, where it branches off {}: go on from there or later, or from that run",
+            branch.tick, branch.run
+        )));
+    }
     Ok((run, job))
+}
+
+/// Most runs that went on from one another and are looked through.
+const MOST_ORIGINS: usize = 100;
+
+/// The branch with other settings by which a run, or one that it went on from, begins after a tick.
+fn branched_after(job: &Job, tick: u64) -> Option<Branch> {
+    let before = |branch: &Branch| {
+        Run::find(Some(Path::new(&branch.run)))
+            .ok()?
+            .job()
+            .ok()?
+            .from
+    };
+    std::iter::successors(job.from.clone(), before)
+        .take(MOST_ORIGINS)
+        .find(|branch| !branch.settings.is_empty() && tick < branch.tick)
+}
+
+/// The first tick before another one at which a record is damaged.
+///
+/// # Errors
+/// [`Failure::Input`] if it cannot be read.
+fn damaged_before(record: &Path, job: &Job, tick: u64) -> Result<Option<u64>, Failure> {
+    if tick == 0 {
+        return Ok(None);
+    }
+    let mut record = RecordReader::open(record, &Contents::of(job)).map_err(Failure::input)?;
+    while record.next_item().is_some() {}
+    Ok(record.damage().iter().copied().find(|at| *at < tick))
 }
 
 /// The newest cut of a job's record, not after a tick, from which a run with these faults goes on; the beginning of the run if there is none.
