@@ -310,10 +310,9 @@ pub fn keep(folder: &Path, job: &Job, summary: &Summary) -> Result<(), Failure> 
     let repeated = repeated(job, summary)?;
     let summary = serde_json::to_vec_pretty(summary).map_err(Failure::work)?;
     let job_text = serde_json::to_vec_pretty(job).map_err(Failure::work)?;
-    for (name, text) in [(SUMMARY, summary), (JOB, job_text)]
-        .into_iter()
-        .chain(repeated)
-    {
+    // The summary last: a folder that has one is whole, and `recover` leaves it.
+    let files = [(JOB, job_text)].into_iter().chain(repeated);
+    for (name, text) in files.chain([(SUMMARY, summary)]) {
         // Whole or not at all: a full disk leaves no half file.
         runtime::write_reserved(&folder.join(name), &text).map_err(|error| {
             release(folder);
