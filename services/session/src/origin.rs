@@ -82,12 +82,6 @@ pub(crate) fn begin_at(place: &Place, settings: &[String]) -> Result<(Loaded, Or
     let planned = faults(before.as_ref().unwrap_or(&loaded))?;
     let record = run.folder.join(MESSAGES);
     let begin = newest_cut(&record, &job, &planned, place.tick)?;
-    if let Some(tick) = damaged_before(&record, &job, begin.tick)? {
-        return Err(refuse(&format!(
-            "{MESSAGES} is damaged at tick {tick}, before the cut at {}: go on from an earlier tick, or run it again",
-            begin.tick
-        )));
-    }
     let begin = match &before {
         None => begin,
         Some(before) => {
@@ -107,6 +101,12 @@ pub(crate) fn begin_at(place: &Place, settings: &[String]) -> Result<(Loaded, Or
             advance(place.tick, begin, before, &loaded, &planned).map_err(|why| refuse(&why))?
         }
     };
+    if let Some(tick) = damaged_before(&record, &job, begin.tick)? {
+        return Err(refuse(&format!(
+            "{MESSAGES} is damaged at tick {tick}, before tick {}: go on from an earlier tick, or run it again",
+            begin.tick
+        )));
+    }
     let branch = Branch {
         run: run.folder.display().to_string(),
         tick: place.tick,
