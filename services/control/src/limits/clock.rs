@@ -216,7 +216,7 @@ mod tests {
         }
     }
 
-    /// Where gravity takes most of a limit, the path gets the little that is left, and its clock gives way at once when that is used up.
+    /// If gravity takes most of a limit, the path gets the little that is left, and its clock gives way at once when that is used up.
     #[test]
     fn a_heavy_arm_is_moved_by_the_torque_that_is_left() {
         assert!((room(10.0, 9.3) - 0.2).abs() < 1e-12 && room(10.0, 9.9) > 0.0);

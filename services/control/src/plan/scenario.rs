@@ -17,7 +17,7 @@ use shared_types::scenario::{Goal, Scenario, Start};
 /// Distance from a joint limit from which a path may start, rad (m): many times the noise of an encoder, and of the tracking.
 const START_CLEAR: f64 = 1e-3;
 
-/// What a plan is made of.
+/// The parts that a plan is made of.
 #[derive(Clone, Copy)]
 pub(crate) struct Task<'a, const N: usize> {
     pub(crate) model: &'a Model<N>,

@@ -238,7 +238,7 @@ impl<const N: usize> PathPlan<N> {
             let beside = self.way(request, i?)?;
             (beside.leg == way.leg && beside.length * way.length > 0.0).then_some(beside)
         };
-        // Where a leg begins there is none before it: the next one shows whether q(s) is straight.
+        // At the beginning of a leg there is none before it: the next one shows whether q(s) is straight.
         let beside = neighbour(i.checked_sub(1)).or_else(|| neighbour(Some(i + 1)));
         let beside = beside.unwrap_or_else(|| way.clone());
         let (A, gravity) = (model.mass_matrix(&from.q), model.gravity(&from.q));

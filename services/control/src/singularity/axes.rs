@@ -17,7 +17,7 @@ pub(super) fn shoulder<const N: usize>(terms: &Terms<N>) -> Vector3<f64> {
     terms.p[0] + terms.z[0] * (terms.p[1] - terms.p[0]).dot(&terms.z[0])
 }
 
-/// Where the last two axes meet within `tolerance` (m), as a distance along the last one, m; and whether the third last passes there too (six joints or
+/// The place at which the last two axes meet within `tolerance` (m), as a distance along the last one, m; and whether the third last passes there too (six joints or
 /// more).
 pub(super) fn meeting<const N: usize>(terms: &Terms<N>, tolerance: f64) -> (Option<f64>, bool) {
     if N < 2 {

@@ -76,16 +76,39 @@ pub(super) fn fold(theta: f64, [cos_d, cos_rate]: [f64; 2]) -> Fold {
     }
 }
 
+/// Upper arm and forearm in the plane normal to an elbow's axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Bend {
+    /// From the shoulder to the elbow, and on to the wrist, m.
+    pub(super) upper: Vector3<f64>,
+    pub(super) forearm: Vector3<f64>,
+    /// Their lengths, m.
+    pub(super) lengths: [f64; 2],
+    /// Angle from full stretch, (−π, π].
+    pub(super) theta: f64,
+}
+
+impl Bend {
+    /// From the two links in space and the unit axis n.
+    pub(super) fn new(upper: Vector3<f64>, forearm: Vector3<f64>, n: &Vector3<f64>) -> Self {
+        let across = |v: Vector3<f64>| v - n * n.dot(&v);
+        let (upper, forearm) = (across(upper), across(forearm));
+        Self {
+            upper,
+            forearm,
+            lengths: [upper.norm(), forearm.norm()],
+            theta: libm::atan2(n.dot(&upper.cross(&forearm)), upper.dot(&forearm)),
+        }
+    }
+}
+
 /// The elbow of joint 4 between a shoulder's centre S, where axes 1 to 3 meet, and a wrist's centre C, where axes 5 to 7 do: joints 1 to 3 move C on a
 /// sphere about S, so that pᵀJ = −L2 L3 sin θ·e4 exactly, with p = C − S and all lengths in the plane normal to the elbow's axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct BetweenCentres {
     /// C − S, m.
     p: Vector3<f64>,
-    /// Lengths of upper arm and forearm, m.
-    lengths: [f64; 2],
-    /// Angle from full stretch, (−π, π].
-    theta: f64,
+    bend: Bend,
     /// p along the elbow's axis, m.
     offset: f64,
 }
@@ -97,12 +120,9 @@ impl BetweenCentres {
         C: &Vector3<f64>,
     ) -> Self {
         let (n, E) = (terms.z[3], terms.p[3]);
-        let across = |v: Vector3<f64>| v - n * n.dot(&v);
-        let (u, v) = (across(E - S), across(C - E));
         Self {
             p: C - S,
-            lengths: [u.norm(), v.norm()],
-            theta: libm::atan2(n.dot(&u.cross(&v)), u.dot(&v)),
+            bend: Bend::new(E - S, C - E, &n),
             offset: (C - S).dot(&n),
         }
     }
@@ -115,16 +135,17 @@ impl BetweenCentres {
         } else {
             at.terms.z[2]
         };
-        let fold = self.lengths[0] * self.lengths[1] / length.max(1e-9);
+        let [L2, L3] = self.bend.lengths;
+        let fold = L2 * L3 / length.max(1e-9);
         measure(
             (&zeta, &at.terms.z[3]),
-            (self.theta, at.qdot[3]),
+            (self.bend.theta, at.qdot[3]),
             fold,
             unit(3),
         )
     }
 
     pub(super) fn cosine(&self, S: &Vector3<f64>, desired: &PoseMotion) -> [f64; 2] {
-        cosine(S, desired, self.lengths, self.offset)
+        cosine(S, desired, self.bend.lengths, self.offset)
     }
 }

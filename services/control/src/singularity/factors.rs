@@ -13,7 +13,7 @@
 //! Joints are numbered from 1 in the text and from 0 in the code.
 
 use super::axes::{ROUNDED, frame, in_general_position, meeting, shoulder, unit};
-use super::elbow;
+use super::elbow::{self, Bend};
 use super::family::Posture;
 use crate::linear::{linear, sign, stack};
 use crate::types::{Class, Kind, Singularity};
@@ -49,7 +49,7 @@ impl Factors {
                 moves_on_a_sphere: is_spherical && meets,
             };
             let plane = Plane::of(found, terms, &C);
-            let has_elbow = plane.lengths.iter().all(|length| *length > SHORTEST);
+            let has_elbow = plane.bend.lengths.iter().all(|length| *length > SHORTEST);
             let has_wrist = is_spherical || parallel(1, 3);
             let w = if is_spherical { 3 } else { 1 };
             let is_square = normal(0, 1) && normal(w, 4) && normal(4, 5);
@@ -70,7 +70,7 @@ impl Factors {
         out: &mut [Singularity<N>; MAX_SINGULARITIES],
     ) -> usize {
         let plane = Plane::of(self, at.terms, &at.at.p);
-        out[0] = if plane.theta.abs() < FRAC_PI_2 {
+        out[0] = if plane.bend.theta.abs() < FRAC_PI_2 {
             self.elbow(&plane, at)
         } else {
             folded(&plane, at)
@@ -82,14 +82,14 @@ impl Factors {
 
     /// Elbow: W cannot move along the line ζ from axis 2 to it, ζᵀJ = −(L2 L3 sin θ/ρ)·θ̇ modulo the motion along n and the turn of link 4. Type 1.
     ///
-    /// Where C moves on a sphere, ζ points from its centre to C, and ζᵀJ = −(L2 L3 sin θ/ρ)·θ̇ exactly.
+    /// If C moves on a sphere, ζ points from its centre to C, and ζᵀJ = −(L2 L3 sin θ/ρ)·θ̇ exactly.
     fn elbow<const N: usize>(self, plane: &Plane, at: &Posture<'_, N>) -> Singularity<N> {
         let line = if self.moves_on_a_sphere {
             plane.C
         } else {
-            plane.line
+            plane.bend.upper + plane.bend.forearm
         };
-        let (rho, side) = (line.norm(), sign(at.terms.z[2].dot(&plane.n) >= 0.0));
+        let (rho, [L2, L3]) = (line.norm(), plane.bend.lengths);
         let zeta = if rho > 1e-9 {
             line / rho
         } else {
@@ -97,9 +97,9 @@ impl Factors {
         };
         elbow::measure(
             (&zeta, &plane.n),
-            (plane.theta, side * at.qdot[2]),
-            plane.lengths[0] * plane.lengths[1] / rho.max(1e-9),
-            unit(2) * side,
+            (plane.bend.theta, plane.side * at.qdot[2]),
+            L2 * L3 / rho.max(1e-9),
+            unit(2) * plane.side,
         )
     }
 
@@ -147,11 +147,10 @@ impl Factors {
 /// The self-motion turns joint 3 by L2/L3 − 1 against joint 2. So ζ turns, and where the lengths differ W goes along it at second order: one-sided, ζ
 /// pointing to axis 2, from which W keeps its distance. The coordinate changes where |θ| is a right angle, far from either lock.
 fn folded<const N: usize>(plane: &Plane, at: &Posture<'_, N>) -> Singularity<N> {
-    let [L2, L3] = plane.lengths;
+    let [L2, L3] = plane.bend.lengths;
     let outwards = sign(L2 > L3);
-    let zeta = plane.forearm * (outwards / L3);
-    let (sin, cos) = libm::sincos(plane.theta);
-    let side = sign(at.terms.z[2].dot(&plane.n) >= 0.0);
+    let zeta = plane.bend.forearm * (outwards / L3);
+    let (sin, cos) = libm::sincos(plane.bend.theta);
     let kappa_1 = L2 * (L3 - L2).abs() / L3;
     Singularity {
         kind: Kind::Elbow,
@@ -161,7 +160,7 @@ fn folded<const N: usize>(plane: &Plane, at: &Posture<'_, N>) -> Singularity<N> 
             Class::Type2
         },
         s: sin,
-        s_rate: cos * side * at.qdot[2],
+        s_rate: cos * plane.side * at.qdot[2],
         zeta_B: stack(&zeta, &Vector3::zeros()),
         R_BS: frame(&zeta, &plane.n),
         gain: outwards * L2 * sin,
@@ -179,7 +178,11 @@ fn folded<const N: usize>(plane: &Plane, at: &Posture<'_, N>) -> Singularity<N> 
 /// Type 2; where C is off the plane of axis 1 and n, one-sided: no C nearer to the waist axis than that can be reached, and ζ points to it.
 fn overhead<const N: usize>(plane: &Plane, at: &Posture<'_, N>) -> Singularity<N> {
     let Plane { n, x, C, .. } = *plane;
-    let (radius, offset, reach) = (C.dot(&x), C.dot(&n), plane.lengths[0] + plane.lengths[1]);
+    let (radius, offset, reach) = (
+        C.dot(&x),
+        C.dot(&n),
+        plane.bend.lengths[0] + plane.bend.lengths[1],
+    );
     // Out of reach: towards the waist axis.
     let outwards = sign(offset < ROUNDED);
     let in_plane = |j: usize| x.dot(&linear(&Vector6::from(at.at.J.column(j)))) * at.qdot[j];
@@ -214,30 +217,23 @@ struct Plane {
     x: Vector3<f64>,
     /// C from the point of axis 1 that is nearest to axis 2, m.
     C: Vector3<f64>,
-    /// From axis 2 to W, and from axis 3 to W, normal to n, m.
-    line: Vector3<f64>,
-    forearm: Vector3<f64>,
-    /// Upper arm and forearm, normal to n, m.
-    lengths: [f64; 2],
-    /// Elbow angle from full stretch, (−π, π].
-    theta: f64,
+    /// The elbow between axis 2, axis 3 and W.
+    bend: Bend,
+    /// 1 where joint 3 turns as θ does, −1 where it turns against it.
+    side: f64,
 }
 
 impl Plane {
     fn of<const N: usize>(factors: Factors, terms: &Terms<N>, C: &Vector3<f64>) -> Self {
         let (p, z1, n) = (&terms.p, terms.z[0], terms.z[1]);
         let W = if factors.is_spherical { *C } else { p[3] };
-        let across = |v: Vector3<f64>| v - n * n.dot(&v);
-        let (upper, lower) = (across(p[2] - p[1]), across(W - p[2]));
         Self {
             n,
             z1,
             x: n.cross(&z1),
             C: C - shoulder(terms),
-            line: upper + lower,
-            forearm: lower,
-            lengths: [upper.norm(), lower.norm()],
-            theta: libm::atan2(n.dot(&upper.cross(&lower)), upper.dot(&lower)),
+            bend: Bend::new(p[2] - p[1], W - p[2], &n),
+            side: sign(terms.z[2].dot(&n) >= 0.0),
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Where the auxiliary coordinate of a singularity goes: along the fold, out of the neighbourhood by the self-motion, or until ζ is out of the way.
+//! The way of a singularity's auxiliary coordinate: along the fold, out of the neighbourhood by the self-motion, or until ζ is out of the way.
 
 use super::family::Situation;
 use super::tracker::SMALLEST;
