@@ -51,7 +51,7 @@ pub(crate) const MAGNIFIED: f32 = 50.0;
 const LATENCIES: Option<[f64; 2]> = Some([-0.6, 4.3]);
 const ERRORS: Option<[f64; 2]> = Some([-4.2, 3.2]);
 
-/// What a layout depends on besides the run's facts.
+/// The inputs of a layout besides the run's facts.
 pub(crate) struct Subject<'a> {
     pub(crate) facts: &'a Facts<'a>,
     /// The singularities, in the report's order.
@@ -350,7 +350,7 @@ impl Desk<'_> {
 
     /// The errors, each with what the goal allows.
     fn errors(&mut self) -> ContainerLike {
-        // Where no direction is lost there is one error, and the other line is not seen.
+        // If no direction is lost there is one error, and the other line is not seen.
         let (names, along) = match self.subject.facts.stands_still {
             true => (["error"; 2], 0),
             false => (["orthogonal", "along ζ"], ALONG),

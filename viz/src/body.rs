@@ -96,7 +96,7 @@ pub(crate) struct Ring {
 pub(crate) struct Body {
     pub(crate) parts: Vec<Part>,
     pub(crate) links: usize,
-    /// Where turning about each joint's axis is shown; none for a joint that slides.
+    /// The place at which turning about each joint's axis is shown; none for a joint that slides.
     pub(crate) rings: Vec<Option<Ring>>,
     /// Each joint's frame in the link before it, at zero.
     pub(crate) joints: Vec<Placement>,

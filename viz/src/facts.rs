@@ -1,4 +1,4 @@
-//! What is known of a run before its first tick.
+//! The facts of a run that are known before its first tick.
 
 use model::{Joint, JointKind, Model, Robot};
 use nalgebra::{SMatrix, SVector, Vector3};

@@ -90,7 +90,7 @@ struct Stretch {
 /// The events of a run so far: the words of a moment depend on it.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct History {
-    /// What control has done inside neighbourhoods, by the time at which it began.
+    /// The acts of control inside neighbourhoods, by the time at which it began.
     stretches: Vec<Stretch>,
     /// The largest distance of the hand from its place; m. Of tasks in which it should stand still only.
     off_m: Option<f64>,
@@ -163,7 +163,7 @@ pub(crate) struct Moment<'a, 'm> {
     pub(crate) fault: Option<&'a str>,
 }
 
-/// What happens, in words: a headline, and lines, some of them about a singularity.
+/// The events of a tick, in words: a headline, and lines, some of them about a singularity.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Words {
     pub(crate) headline: String,

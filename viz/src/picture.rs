@@ -48,7 +48,7 @@ pub(crate) struct Picture {
     pub(crate) turned: [f64; MAX_DOF],
 }
 
-/// What ζ has done since the arm entered a neighbourhood.
+/// The turn of ζ since the arm entered a neighbourhood.
 #[derive(Clone, Debug, Default)]
 struct Sweep {
     directions: Vec<Vec3>,
@@ -122,7 +122,7 @@ impl Scene {
         })
     }
 
-    /// What happens at a tick.
+    /// The events of a tick.
     pub(crate) fn words(&self, facts: &Facts, row: &TickRow) -> Words {
         let moment = Moment {
             row,

@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 /// sRGB bytes and opacity, `0xrrggbbaa`, as Rerun stores colours.
 pub(crate) type Rgba = u32;
 
-/// Where something stands in the frame it is drawn in: `x ↦ R·x + p`.
+/// The pose of something in the frame it is drawn in: `x ↦ R·x + p`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Placement {
     pub(crate) R: Mat3,

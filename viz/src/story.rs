@@ -18,7 +18,7 @@ const PATIENCE: u64 = 3;
 /// How long a process counts as restarted; s.
 const FRESH_S: f64 = 0.5;
 
-/// What a lane of the state timeline is about.
+/// The subject of a lane of the state timeline.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum What {
     /// The writer of a topic of [`CHAIN`], by its place there; the recorder behind them.
@@ -135,7 +135,7 @@ pub(crate) struct Story {
     /// Names of the singularities, in the report's order; none before the first report.
     pub(crate) names: Vec<String>,
     fresh: u64,
-    /// What the lane of faults says.
+    /// The words of the lane of faults.
     fault: Option<String>,
     /// For how many ticks each writer's message has been missing, its incarnation, and until when it counts as restarted.
     missing: [u64; CHAIN.len()],

@@ -51,7 +51,7 @@ impl Stroke {
         }
     }
 
-    /// Where its frame is in a picture.
+    /// The place of its frame in a picture.
     pub(crate) fn place(&self, picture: &Picture) -> Placement {
         match self.frame {
             Frame::Base => Placement::IDENTITY,

@@ -269,7 +269,7 @@ pub unsafe extern "C" fn armplane_process_wait(process: *mut armplane_process) -
     }
 }
 
-/// What `at` gives for a topic with a layout, of an output or an input; null on an error.
+/// The result of `at` for a topic with a layout, of an output or an input; null on an error.
 ///
 /// # Safety
 /// `process` is null or from `armplane_process_join`; `topic` ends with a zero byte.

@@ -66,7 +66,7 @@ impl Forearm {
     ) -> Self {
         let (z1, z2) = (terms.z[0], terms.z[1]);
         let x = z2.cross(&z1);
-        // Where the waist axis meets the shoulder axis.
+        // The point at which the waist axis meets the shoulder axis.
         let S = terms.p[0] + z1 * (terms.p[1] - terms.p[0]).dot(&z1);
         let p = p_C - S;
         let sides = [sign(p.dot(&x) >= 0.0), sign(puma.theta(q[2]) >= 0.0)];

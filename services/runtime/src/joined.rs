@@ -69,7 +69,7 @@ pub struct Joined {
     state: (Vec<u8>, bool),
     /// The state that a predecessor has left.
     previous: Option<Vec<u8>>,
-    /// What comes again, of a program that has left none.
+    /// The messages that come again, of a program that has left none.
     past: Option<Past>,
     saving: Saving,
     patience: Arc<Patience>,

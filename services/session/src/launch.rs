@@ -214,7 +214,7 @@ struct Start {
     /// The recorder's part of the summary.
     account: Option<Summary>,
     _guard: Option<launcher::Guard>,
-    /// What programs without a state have done before the cut.
+    /// The messages of programs without a state before the cut.
     _past: Option<Past>,
 }
 

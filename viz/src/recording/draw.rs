@@ -81,7 +81,7 @@ fn axes(size: f32) -> impl Iterator<Item = [Vec3; 2]> {
 }
 
 impl Recording<'_> {
-    /// What stands in the picture from the beginning.
+    /// The parts that stand in the picture from the beginning.
     pub(super) fn write_arm(&mut self) {
         let body = &self.run.body;
         self.write_parts(None, "/world/arm/base", &placed(body.of(None)), None);

@@ -91,7 +91,7 @@ pub(super) fn in_processes(
     Ok((ran, summary))
 }
 
-/// What a scenario gives without processes, shared memory and a clock.
+/// The result of a scenario without processes, shared memory and a clock.
 pub(super) fn on_one_thread(robot: &Robot, scenario: &Scenario) -> Result<Ran, Failure> {
     let (began, mut hashes) = (Instant::now(), Hashes::default());
     let ended = chain::run_under_faults(robot, scenario, &mut hashes).map_err(Failure::input)?;

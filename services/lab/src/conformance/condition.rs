@@ -141,7 +141,7 @@ impl Condition {
         }
     }
 
-    /// What goes on beside a start of all processes, the first or a later one, for which the seed is another.
+    /// The disturbance beside a start of all processes, the first or a later one, for which the seed is another.
     pub(super) fn beside(
         &self,
         page: ControlPage,

@@ -66,7 +66,7 @@ impl Tape {
     }
 }
 
-/// What a program has read and written before the cut at which the run goes on.
+/// The messages that a program has read and written before the cut at which the run goes on.
 pub(super) struct Past {
     role: Role,
     inputs: Vec<Tape>,

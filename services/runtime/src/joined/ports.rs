@@ -248,7 +248,7 @@ impl Output {
         self.is_used
     }
 
-    /// What it holds: the message that was sent last, as far as the program has not changed it.
+    /// Its content: the message that was sent last, as far as the program has not changed it.
     pub(super) fn last(&self) -> &[u8] {
         self.message.bytes()
     }

@@ -37,7 +37,7 @@ pub struct Lines<'a> {
 pub struct Drawn {
     /// The singularities that it passes, by name, joined by `+`.
     pub singularities: String,
-    /// Where on the line: `start`, `middle`, `end`; `near` where it passes close by.
+    /// The place on the line: `start`, `middle`, `end`; `near` where it passes close by.
     pub place: &'static str,
     /// The run: start posture and one segment.
     pub scenario: Scenario,

@@ -63,7 +63,7 @@ pub enum Outcome {
 pub struct Line {
     /// The singularities that it passes, by name.
     pub singularities: String,
-    /// Where on the line.
+    /// The place on the line.
     pub place: &'static str,
     /// Its outcome.
     pub outcome: Outcome,
