@@ -3,7 +3,7 @@
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 
-use crate::command::{Desk, Known, Running, until};
+use crate::command::{Desk, Known, Running, signal, until};
 
 #[test]
 fn random_deaths_change_no_byte() {
@@ -23,11 +23,14 @@ fn the_sixth_death_from_the_same_tick_ends_the_run_and_is_named() {
     let run = desk.begin("run --set segment.1.duration_s=500 --json --no-record --out r");
     let mut before = None;
     for _ in 0..6 {
+        // Read once: the one just killed is still found, then gone, before the next appears.
+        let mut another = None;
         until("another analyzer", || {
-            run.pid("analyzer").is_some() && run.pid("analyzer") != before && run.ticks() > 50
+            another = run.pid("analyzer").filter(|pid| Some(*pid) != before);
+            another.is_some() && run.ticks() > 50
         });
-        before = run.pid("analyzer");
-        run.strike("analyzer", "KILL");
+        before = another;
+        signal(another.expect("it was found"), "KILL");
     }
     let said = run.finish();
     assert_eq!(said.code, 1, "{}", said.err);
