@@ -44,16 +44,16 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
     version,
     about = "Robot arms through kinematic singularities: five processes, shared memory, one recording",
     long_about = "Drives a robot arm through kinematic singularities by the strategy of Chang & Khatib (1995). Plant, estimator, analyzer, \
-                  controller and recorder are processes that share memory. Without a command, armplane runs the default scenario.",
-    after_help = "Examples:\n  armplane                                    run and record the default scenario\n  armplane run fig5-wrist-rotation --seed 7   the same with other noise\n  armplane list                               list scenarios and robots\n  armplane inspect --robot puma560 --q ready  show the arm at a posture\n\nExit code 0: success; 1: the run missed its goal, was stopped, or its results could not be written; 2: wrong input."
+                  controller and recorder are processes that share memory.",
+    after_help = "Examples:\n  armplane run                                run and record the default scenario\n  armplane run fig5-wrist-rotation --seed 7   the same with other noise\n  armplane list                               list scenarios and robots\n  armplane inspect --robot puma560 --q ready  show the arm at a posture\n\nExit code 0: success; 1: the run missed its goal, was stopped, or its results could not be written; 2: wrong input."
 )]
 struct Cli {
     #[command(subcommand)]
-    command: Option<Command>,
+    command: Command,
     /// Print results as JSON; an error is one JSON object on the last line of standard error.
     #[arg(long, global = true)]
     json: bool,
-    /// Log more on standard error (-v, -vv).
+    /// Print more of a run's results; log more on standard error (-v, -vv).
     #[arg(short, long, global = true, action = clap::ArgAction::Count)]
     verbose: u8,
 }
@@ -314,12 +314,7 @@ fn work() -> ExitCode {
         Err(_) => (out::wants_json(), false),
     };
     // A process of a run writes by itself: its launcher reads whatever it writes.
-    let is_peer = |cli: &Cli| {
-        matches!(
-            cli.command,
-            Some(Command::Process(_) | Command::BenchPeer(_))
-        )
-    };
+    let is_peer = |cli: &Cli| matches!(cli.command, Command::Process(_) | Command::BenchPeer(_));
     if !parsed.as_ref().is_ok_and(is_peer) {
         out::start();
     }
@@ -347,10 +342,7 @@ fn work() -> ExitCode {
 impl Cli {
     /// Whether it is a run, whose results stand in its folder too: it ends although nobody reads them.
     fn supervises(&self) -> bool {
-        matches!(
-            self.command,
-            None | Some(Command::Run(_) | Command::Servo(_))
-        )
+        matches!(self.command, Command::Run(_) | Command::Servo(_))
     }
 }
 
@@ -371,12 +363,14 @@ fn execute(cli: Cli) -> Result<ExitCode, session::Failure> {
         .with_target(false)
         .init();
     let json = cli.json;
-    match cli
-        .command
-        .unwrap_or_else(|| Command::Run(run::RunArgs::parse_from([""])))
-    {
-        Command::Run(args) => run::run(&args, json),
-        Command::Servo(args) => servo::servo(&args, json),
+    let form = match cli.verbose {
+        _ if json => out::Form::Json,
+        0 => out::Form::Short,
+        _ => out::Form::Long,
+    };
+    match cli.command {
+        Command::Run(args) => run::run(&args, form),
+        Command::Servo(args) => servo::servo(&args, form),
         Command::Play(args) => Err(play::play(args)),
         Command::Verify(args) => verify::verify(&args, json),
         Command::Replay(args) => replay::replay(&args, json),
@@ -391,7 +385,7 @@ fn execute(cli: Cli) -> Result<ExitCode, session::Failure> {
         Command::View(args) => view::view(&args, json),
         Command::Report(args) => report::report(&args, json),
         Command::Export(args) => export::export(&args, json),
-        Command::Recover(args) => recover::recover(&args, json),
+        Command::Recover(args) => recover::recover(&args, form),
         Command::Fault(args) => fault::fault(&args, json),
         Command::List => list::list(json),
         Command::New(args) => new::new(&args, json),

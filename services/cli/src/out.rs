@@ -11,13 +11,15 @@ use std::borrow::Cow;
 use std::collections::{BTreeMap, VecDeque};
 use std::io::{ErrorKind, IsTerminal, Read, Write, stderr, stdout};
 use std::os::fd::{AsFd, BorrowedFd};
+use std::path::Path;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
-use session::Failure;
 use session::table::count;
+use session::{Failure, RunText, Verdict};
+use shared_types::summary::{REACHED, Summary};
 use textwrap::core::{Word, display_width};
 use textwrap::{Options, WordSeparator, WrapAlgorithm};
 
@@ -494,6 +496,39 @@ pub(crate) fn whole(lack: Option<String>) -> Result<ExitCode, Failure> {
 /// Prints what ends its own lines.
 pub(crate) fn show(text: &impl std::fmt::Display) {
     push(Stream::Out, &wrapped(&plain(&text.to_string()), &stdout()));
+}
+
+/// How a run's results are printed.
+#[derive(Clone, Copy)]
+pub(crate) enum Form {
+    Json,
+    Short,
+    /// Also what few people look for.
+    Long,
+}
+
+/// Prints the results of a run, its verdict last.
+pub(crate) fn show_run(summary: &Summary, folder: &Path, form: Form) -> Result<(), Failure> {
+    if matches!(form, Form::Json) {
+        return say_json(summary);
+    }
+    show(&RunText {
+        summary,
+        folder,
+        is_long: matches!(form, Form::Long),
+    });
+    let verdict = format!("{}\n", Verdict(summary));
+    let verdict = wrapped(&plain(&verdict), &stdout()).into_owned();
+    let colour = match summary.outcome.as_str() {
+        REACHED => "32",
+        _ if summary.is_success() => "33",
+        _ => "31",
+    };
+    match is_coloured(&stdout()) {
+        true => show_painted(&format_args!("\x1b[1;{colour}m{verdict}\x1b[m")),
+        false => push(Stream::Out, &verdict),
+    }
+    Ok(())
 }
 
 /// The same of a text that is painted, or is none for people: as it is.

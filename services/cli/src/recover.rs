@@ -4,9 +4,9 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
-use session::{Failure, RunText};
+use session::Failure;
 
-use crate::out::{say_json, show, tell, unread};
+use crate::out::{Form, show_run, tell, unread};
 use crate::progress::observe;
 use crate::run::conclude;
 
@@ -20,7 +20,7 @@ pub(crate) struct RecoverArgs {
     only_results: bool,
 }
 
-pub(crate) fn recover(args: &RecoverArgs, as_json: bool) -> Result<ExitCode, Failure> {
+pub(crate) fn recover(args: &RecoverArgs, form: Form) -> Result<ExitCode, Failure> {
     let remains = session::remains(&args.run)?;
     match remains.ended {
         _ if args.only_results => {}
@@ -28,17 +28,10 @@ pub(crate) fn recover(args: &RecoverArgs, as_json: bool) -> Result<ExitCode, Fai
             "armplane: {}: {why}: these are the results of the ticks that it has",
             args.run.display()
         )),
-        None => return conclude(session::go_on(remains, unread, &observe)?, as_json),
+        None => return conclude(session::go_on(remains, unread, &observe)?, form),
     }
     let _signals = session::interrupts()?;
     let summary = session::recover(remains, &observe)?;
-    if as_json {
-        say_json(&summary)?;
-    } else {
-        show(&RunText {
-            summary: &summary,
-            folder: &args.run,
-        });
-    }
+    show_run(&summary, &args.run, form)?;
     session::whole(&summary).map(|()| ExitCode::SUCCESS)
 }

@@ -6,10 +6,10 @@ use std::time::Duration;
 
 use clap::{Parser, ValueEnum};
 use launcher::End;
-use session::{Failure, Finished, Place, Request, RunText, load};
+use session::{Failure, Finished, Place, Request, load};
 use shared_types::job::Mode;
 
-use crate::out::{passed, say_json, show};
+use crate::out::{Form, passed, show_run};
 use crate::progress::observe;
 
 #[derive(Parser)]
@@ -81,7 +81,7 @@ impl From<ModeArg> for Mode {
     }
 }
 
-pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
+pub(crate) fn run(args: &RunArgs, form: Form) -> Result<ExitCode, Failure> {
     let request = Request {
         scenario: match &args.from {
             Some(place) => place.run.display().to_string(),
@@ -101,11 +101,11 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
         silence_limit: args.silence_limit,
         unread: crate::out::unread,
     };
-    conclude(session::run(&request, &observe)?, as_json)
+    conclude(session::run(&request, &observe)?, form)
 }
 
 /// Prints the results of a run; the exit code.
-pub(crate) fn conclude(finished: Finished, as_json: bool) -> Result<ExitCode, Failure> {
+pub(crate) fn conclude(finished: Finished, form: Form) -> Result<ExitCode, Failure> {
     let Finished {
         summary,
         folder,
@@ -115,19 +115,12 @@ pub(crate) fn conclude(finished: Finished, as_json: bool) -> Result<ExitCode, Fa
     } = finished;
     // These words have a limit of their own.
     std::mem::forget(signals);
-    if as_json {
-        say_json(&summary)?;
-    } else {
-        show(&RunText {
-            summary: &summary,
-            folder: &folder,
-        });
-    }
+    show_run(&summary, &folder, form)?;
     match (end, saved) {
         (End::Failed(failure), _) => Err(Failure::work(failure)),
         (_, Err(failure)) => Err(failure),
         // For people the outcome is the last line; a program that keeps the summary may not look into it.
-        (End::Interrupted { .. }, _) if as_json => Err(Failure::Work(format!(
+        (End::Interrupted { .. }, _) if matches!(form, Form::Json) => Err(Failure::Work(format!(
             "{}: the run was {}",
             folder.display(),
             summary.reason

@@ -11,6 +11,7 @@ use session::{Failure, Observer, Progress, Python, Request, Steering, Targets};
 use shared_types::job::Mode;
 
 use crate::live::{Lines, OperatorSocket, Panel, read_keys};
+use crate::out::Form;
 use crate::progress::observe;
 use crate::run;
 
@@ -76,9 +77,9 @@ fn seconds(text: &str) -> Result<f64, String> {
         .ok_or_else(|| format!("it must be a number of seconds, more than 0 and at most {longest}"))
 }
 
-pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure> {
+pub(crate) fn servo(args: &ServoArgs, form: Form) -> Result<ExitCode, Failure> {
     if let Some(seeds) = args.seeds {
-        return Err(judge(args, seeds, as_json));
+        return Err(judge(args, seeds, matches!(form, Form::Json)));
     }
     let [subject] = args.subject.as_slice() else {
         return Err(Failure::input(
@@ -132,7 +133,7 @@ pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure
     let shown: Observer<'_> = if has_panel { &silent } else { &observe };
     let finished = session::run_loaded(&request, loaded, &mut begin, shown);
     drop(panel);
-    let code = run::conclude(finished?, as_json)?;
+    let code = run::conclude(finished?, form)?;
     lines.verdict().map(|()| code)
 }
 

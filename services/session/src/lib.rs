@@ -68,5 +68,5 @@ pub use session::{Finished, Request, run, run_loaded, whole};
 pub use shared_types::job::JOB;
 pub use steer::{Steering, Targets};
 pub use summary::{deadlines, summarise};
-pub use text::RunText;
+pub use text::{RunText, Verdict};
 pub use viewer::{WATCH, show, viewer_command, watch};

@@ -8,31 +8,54 @@ use viz::RECORDING;
 use viz::digits;
 
 use crate::results::{SCENARIO, SUMMARY};
-use crate::table::{count, number, table};
 
-/// The errors, singularities, limits, times and faults of a run, the files in its folder, and at last its outcome.
+/// Columns of the table of errors at most.
+const WIDTH: usize = 80;
+use crate::table::{count, number, size, table};
+
+/// The errors, singularities, limits, times and faults of a run, and its folder; [`Verdict`] follows.
 #[derive(Debug)]
 pub struct RunText<'a> {
     /// Of the run.
     pub summary: &'a Summary,
     /// With its results.
     pub folder: &'a Path,
+    /// Also what few people look for: switches, latency.
+    pub is_long: bool,
+}
+
+/// The outcome of a run and its cause, and further causes in a line each.
+#[derive(Debug)]
+pub struct Verdict<'a>(pub &'a Summary);
+
+impl fmt::Display for Verdict<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (scenario, outcome) = (&self.0.of.scenario, &self.0.outcome);
+        let mut causes = self.0.reason.split("; ");
+        let cause = causes.next().unwrap_or_default();
+        write!(f, "{scenario}: {outcome} — {cause}")?;
+        causes.try_for_each(|cause| write!(f, "\n  also     {cause}"))
+    }
 }
 
 impl fmt::Display for RunText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { summary, folder } = self;
+        let Self {
+            summary,
+            folder,
+            is_long,
+        } = *self;
         if let Some(from) = &summary.of.from {
             writeln!(f, "from       {from}")?;
         }
         // A run without a tick has no numbers.
         if summary.ticks > 0 {
             errors(f, summary)?;
-            loads(f, summary)?;
+            loads(f, summary, is_long)?;
             if let Some(servo) = &summary.servo {
                 steered(f, servo)?;
             }
-            times(f, summary)?;
+            times(f, summary, is_long)?;
             faults(f, summary)?;
         }
         let processes = summary.processes.iter();
@@ -63,7 +86,11 @@ fn errors(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
         number(digits(task.orthogonal_max_deg)),
         number(digits(task.final_orientation_deg)),
     ]);
-    writeln!(f, "{rows}")?;
+    // Without rules: the results are to fit a small terminal together with the verdict.
+    rows.lines(WIDTH, false)
+        .0
+        .iter()
+        .try_for_each(|row| writeln!(f, "{row}"))?;
     let entered = summary.singularities.iter();
     for singularity in entered.filter(|one| one.inside_ticks > 0) {
         writeln!(
@@ -78,7 +105,7 @@ fn errors(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
     Ok(())
 }
 
-fn loads(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
+fn loads(f: &mut fmt::Formatter<'_>, summary: &Summary, is_long: bool) -> fmt::Result {
     let percent = |ratio: f64| format!("{:.0} %", ratio * 100.0);
     let joints = &summary.joints;
     let torque = match joints.has_torque_limit {
@@ -104,7 +131,7 @@ fn loads(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
         false => "speed without a limit".to_owned(),
     };
     writeln!(f, "joints     {torque}; {speed}")?;
-    if joints.switches > 0 {
+    if is_long && joints.switches > 0 {
         writeln!(
             f,
             "switches   {} changes of mode; mode switches injected {} mJ",
@@ -115,7 +142,7 @@ fn loads(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
     Ok(())
 }
 
-fn times(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
+fn times(f: &mut fmt::Formatter<'_>, summary: &Summary, is_long: bool) -> fmt::Result {
     let simulated_s = summary.ticks as f64 / f64::from(summary.of.rate_hz.max(1));
     writeln!(
         f,
@@ -127,7 +154,7 @@ fn times(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
         simulated_s / summary.pace.wall_s.max(1e-9),
         summary.of.mode
     )?;
-    if let Some(chain) = summary.latency_us.get("chain") {
+    if let Some(chain) = summary.latency_us.get("chain").filter(|_| is_long) {
         writeln!(
             f,
             "latency    chain, sensor sent to torque received: p50 {:.1} µs, p99 {:.1}, p99.9 {:.1}, max {:.1}",
@@ -200,32 +227,26 @@ fn files(f: &mut fmt::Formatter<'_>, summary: &Summary, folder: &Path) -> fmt::R
     if !summary.recorder.error.is_empty() {
         writeln!(f, "recording  {}", summary.recorder.error)?;
     }
-    writeln!(f, "{}", folder.display())?;
-    if folder.join(SUMMARY).exists() {
-        writeln!(f, "  {SUMMARY:<13}  all numbers, for programs")?;
-    }
-    let drawn = folder.join(RECORDING);
-    if let Ok(file) = std::fs::metadata(&drawn) {
-        let (megabytes, folder) = (file.len() as f64 / 1e6, folder.display());
-        writeln!(
-            f,
-            "  {RECORDING:<13}  {megabytes:.1} MB; open it with `armplane view {folder}`"
-        )?;
-    }
+    let of = |name: &str| {
+        let file = std::fs::metadata(folder.join(name)).ok()?;
+        Some(format!("{name} {}", size(file.len())))
+    };
+    let files = [SUMMARY, RECORDING, recorder::MESSAGES]
+        .into_iter()
+        .filter_map(of);
+    let files = files.collect::<Vec<_>>().join(", ");
+    // As one writes it here.
+    let here = std::env::current_dir().unwrap_or_default();
+    let folder = folder.strip_prefix(here).unwrap_or(folder).display();
+    writeln!(f, "files      {folder}: {files}")?;
     if summary.recorder.bytes > 0 {
-        let (messages, megabytes) = (recorder::MESSAGES, summary.recorder.bytes as f64 / 1e6);
         writeln!(
             f,
-            "  {messages}  {megabytes:.1} MB; compare with this build by `armplane replay {}`",
-            folder.display()
+            "next       `armplane view {folder}`, or report, export, replay"
         )?;
     }
     if summary.servo.is_some() {
-        writeln!(
-            f,
-            "  {SCENARIO:<13}  and targets.csv: `armplane run` of it repeats the run"
-        )?;
+        writeln!(f, "again      `armplane run {folder}/{SCENARIO}`")?;
     }
-    let (scenario, outcome) = (&summary.of.scenario, &summary.outcome);
-    writeln!(f, "{scenario}: {outcome} — {}", summary.reason)
+    Ok(())
 }

@@ -4,7 +4,7 @@ use std::fmt;
 
 use model::{Joint, Robot};
 use nalgebra::DMatrix;
-use session::table::Fitted;
+use session::table::{Fitted, count};
 use shared_types::codes;
 use shared_types::messages::SingularityState;
 use viz::digits;
@@ -36,6 +36,10 @@ impl fmt::Display for PostureText<'_> {
         matrix(f, "A, kg·m²", &posture.A)?;
         self.measures(f)?;
         writeln!(f, "{}", self.singularities())?;
+        writeln!(
+            f,
+            "Motion of the joints that leaves the hand still at first then moves it along ζ by κ₁, and turns ζ by κ₂."
+        )?;
         let mut notes = robot.notes.iter();
         notes.try_for_each(|note| writeln!(f, "note: {note}"))
     }
@@ -75,6 +79,14 @@ impl PostureText<'_> {
             let values = values.iter().map(|value| digits(*value));
             values.collect::<Vec<_>>().join("  ")
         };
+        let (rank, axes) = (report.rank as usize, posture.singular_values.len());
+        let lost = match axes.saturating_sub(rank) {
+            0 => String::new(),
+            lost => format!(
+                ": no joint moves the hand along {}",
+                count(lost as u64, "direction")
+            ),
+        };
         if let Some(det) = posture.det {
             writeln!(f, "det J            {}", digits(det))?;
         }
@@ -87,8 +99,7 @@ impl PostureText<'_> {
         )?;
         writeln!(
             f,
-            "rank {}, condition {}, manipulability {}\n",
-            report.rank,
+            "condition {}, manipulability {}; rank {rank} of {axes}{lost}\n",
             digits(posture.condition()),
             digits(report.manipulability)
         )
@@ -99,7 +110,8 @@ impl PostureText<'_> {
         let zeta = |s: &SingularityState| {
             let (kind, at) = if s.angular != 0 { ("ω", 3) } else { ("v", 0) };
             let z = &s.zeta_B[at..];
-            format!("{kind} [{:.3}, {:.3}, {:.3}]", z[0], z[1], z[2])
+            let [x, y, z] = [z[0], z[1], z[2]].map(|value| unsigned(value, 3));
+            format!("{kind} [{x}, {y}, {z}]")
         };
         Columns::<Row<'_>>::new()
             .text("singularity", |(name, _)| *name)
@@ -116,10 +128,20 @@ impl PostureText<'_> {
     }
 }
 
+/// A number to so many decimals; 0 where they are all zeros.
+fn unsigned(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    let is_zero = text.bytes().all(|letter| b"-.0".contains(&letter));
+    if is_zero { "0".to_owned() } else { text }
+}
+
 fn matrix(f: &mut fmt::Formatter<'_>, title: &str, matrix: &DMatrix<f64>) -> fmt::Result {
     writeln!(f, "{title}")?;
     for row in matrix.row_iter() {
-        let values: Vec<_> = row.iter().map(|value| format!("{value:>10.5}")).collect();
+        let values: Vec<_> = row
+            .iter()
+            .map(|value| format!("{:>10}", unsigned(*value, 5)))
+            .collect();
         writeln!(f, "  {}", values.join(" "))?;
     }
     writeln!(f)
