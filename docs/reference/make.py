@@ -61,7 +61,7 @@ def defaults(folder):
         program("run", f"{name}.toml", "--no-record", "--out", name, folder=folder)
         found = read_defaults((folder / name / "scenario.toml").read_text()) | found
     # These are the two runs' own.
-    del found["start"], found["servo"]["input"]
+    del found["start"], found["servo"]["input"], found["segment"]["duration_s"]
     return found
 
 

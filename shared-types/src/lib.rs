@@ -11,6 +11,7 @@
 //! * [`bounds`]: comparisons that decide an outcome; NaN fails them.
 //! * [`codes`]: named integers in messages.
 //! * [`scenario`]: robot, start, task, gains, noise, seed and goal of a run.
+//! * [`pose_table`]: a path as rows of poses with times.
 //! * [`fault`]: faults to inject, by process and tick.
 //! * [`graph`]: the processes of a run, their topics and commands; [`process`]: one process;
 //!   [`layout`]: messages declared by a graph.
@@ -30,6 +31,7 @@ pub mod graph;
 pub mod job;
 pub mod layout;
 pub mod messages;
+pub mod pose_table;
 pub mod process;
 pub mod random;
 pub mod scenario;

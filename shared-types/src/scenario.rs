@@ -19,6 +19,7 @@
 
 mod analysis;
 mod control;
+mod curve;
 mod plant;
 mod result;
 mod servo;
@@ -32,6 +33,7 @@ use crate::graph::Graph;
 
 pub use analysis::{Analysis, BySingularity};
 pub use control::{Baseline, Control, Damping, HoldAndBlend, Strategy};
+pub use curve::{AXES, Arc, Axis, Frame, Points, Table};
 pub use plant::{Estimator, Plant, PlantModel};
 pub use result::{Goal, Layout, View};
 pub use servo::Servo;
@@ -170,7 +172,10 @@ impl Scenario {
     }
 
     /// The checks that do not need the robot.
-    pub(crate) fn check(&self) -> Result<(), Complaint> {
+    ///
+    /// # Errors
+    /// [`Complaint`]: the first value that cannot be.
+    pub fn check(&self) -> Result<(), Complaint> {
         require(
             is_name(&self.name),
             "name",

@@ -117,7 +117,7 @@ impl<const N: usize> Controller<N> {
         let mut analyzer = Analyzer::new(robot, &scenario.analysis);
         let report = analyzer.step(&q_start, &SVector::zeros(), &rest);
         let family = analyzer.family().clone();
-        let path = Path::new(scenario, &report)?;
+        let path = Path::new(scenario, rest.X_BE, &report)?;
         if scenario.servo.is_none() {
             path.check(&robot.task.0, rest.X_BE, &report)?;
         }

@@ -122,7 +122,7 @@ impl<const N: usize> Truth<N> {
         let mut analyzer = Analyzer::new(robot, &scenario.analysis);
         let report = analyzer.step(&q, &SVector::zeros(), &terms);
         let path = match scenario.servo {
-            None => Some(Path::new(scenario, &report)?),
+            None => Some(Path::new(scenario, terms.X_BE, &report)?),
             Some(_) => None,
         };
         Ok(Self {

@@ -141,6 +141,7 @@ impl Source {
             .filter(|file| !file.is_empty())
             .map(|file| self.beside(file));
         self.read_targets(&mut scenario)?;
+        self.read_tables(&mut scenario)?;
         let graph = graph_of(&scenario, graph_file.or(own_graph.as_deref()))?;
         self.check(&scenario, &robot, &graph)?;
         Ok(Loaded {
@@ -159,6 +160,29 @@ impl Source {
             Some(path) => self.give_targets(scenario, read_targets(&path)?),
             None => Ok(()),
         }
+    }
+
+    /// Reads the files of the segments' tables that have not been read, and gives the segments the times of their tables.
+    ///
+    /// # Errors
+    /// [`Failure::Input`] if one cannot be read, [`Failure::File`] if it is no table of poses.
+    fn read_tables(&self, scenario: &mut Scenario) -> Result<(), Failure> {
+        for segment in &mut scenario.segment {
+            if let Some(table) = segment.table.as_mut().filter(|table| table.rows.is_empty()) {
+                let path = self.beside(&table.file);
+                table.rows = read_targets(&path)?;
+                let located = |error: InvalidRow| {
+                    let name = path.display().to_string();
+                    Failure::File(error.in_file(&name, &table.rows).into())
+                };
+                table.poses().map_err(located)?;
+            }
+            segment.take_times();
+        }
+        // The times of a table may be too many, or its ramp too long for it.
+        scenario
+            .check()
+            .map_err(|complaint| self.located(complaint))
     }
 
     /// The file of a steered run's targets, where the scenario names one that has not been read.

@@ -29,6 +29,8 @@ pub(crate) const SCENARIO: &str = "scenario.toml";
 const GRAPH: &str = "graph.toml";
 /// The targets of a steered run.
 const TARGETS: &str = "targets.csv";
+/// The beginning of the name of a segment's table.
+const TABLE: &str = "segment-";
 pub(crate) const ROBOT_URDF: &str = "robot.urdf";
 const ROBOT_MJCF: &str = "robot.xml";
 const ROBOT_TOML: &str = "robot.toml";
@@ -221,10 +223,9 @@ impl Results {
         let repeated = repeated(job, &Summary::default())?
             .into_iter()
             .map(|(name, text)| (name, text.len() + FAULTS_BYTES));
-        for (name, bytes) in [(SUMMARY, SUMMARY_BYTES), (JOB, job_bytes + FAULTS_BYTES)]
-            .into_iter()
-            .chain(repeated)
-        {
+        let own = [(SUMMARY, SUMMARY_BYTES), (JOB, job_bytes + FAULTS_BYTES)];
+        let own = own.map(|(name, bytes)| (name.to_owned(), bytes));
+        for (name, bytes) in own.into_iter().chain(repeated) {
             runtime::reserve(&self.folder.join(name), bytes).map_err(|error| {
                 release(&self.folder);
                 FOR_A_RUN.unusable(&self.folder, &error)
@@ -244,7 +245,7 @@ impl Results {
     /// As [`clear`](Self::clear), except the files that this run writes anew.
     pub(crate) fn remove_old(&self, job: &Job) -> Result<(), Failure> {
         let again = repeated(job, &Summary::default())?;
-        let mut kept: Vec<_> = again.iter().map(|(name, _)| *name).collect();
+        let mut kept: Vec<_> = again.iter().map(|(name, _)| name.as_str()).collect();
         kept.push(JOB);
         let _ = std::fs::remove_file(self.folder.join(GIVEN_TARGETS));
         self.clear_but(&kept)
@@ -311,12 +312,12 @@ pub fn keep(folder: &Path, job: &Job, summary: &Summary) -> Result<(), Failure> 
     let summary = serde_json::to_vec_pretty(summary).map_err(Failure::work)?;
     let job_text = serde_json::to_vec_pretty(job).map_err(Failure::work)?;
     // The summary last: a folder that has one is whole, and `recover` leaves it.
-    let files = [(JOB, job_text)].into_iter().chain(repeated);
-    for (name, text) in files.chain([(SUMMARY, summary)]) {
+    let files = [(JOB.to_owned(), job_text)].into_iter().chain(repeated);
+    for (name, text) in files.chain([(SUMMARY.to_owned(), summary)]) {
         // Whole or not at all: a full disk leaves no half file.
-        runtime::write_reserved(&folder.join(name), &text).map_err(|error| {
+        runtime::write_reserved(&folder.join(&name), &text).map_err(|error| {
             release(folder);
-            cannot(name, error)
+            cannot(&name, error)
         })?;
     }
     release(folder);
@@ -336,6 +337,7 @@ fn is_result(name: &str) -> bool {
         .unwrap_or(name);
     KEPT.contains(&whole)
         || MADE_OF_IT.contains(&whole)
+        || whole.starts_with(TABLE) && whole.ends_with(".csv")
         || whole == recorder::MESSAGES
         || whole.starts_with("messages-") && whole.ends_with(".mcap")
         || whole
@@ -345,8 +347,11 @@ fn is_result(name: &str) -> bool {
 
 /// Gives the room back that no file has taken.
 fn release(folder: &Path) {
-    KEPT.iter()
-        .for_each(|name| runtime::release_reserve(&folder.join(name)));
+    for (name, _) in entries(folder).filter(|(name, _)| is_result(name)) {
+        if let Some(whole) = name.strip_suffix(".reserved") {
+            runtime::release_reserve(&folder.join(whole));
+        }
+    }
 }
 
 fn make_parents(folder: &Path) -> io::Result<()> {
@@ -425,7 +430,7 @@ fn description(robot: &RobotText) -> Result<String, Failure> {
 
 /// The files of the scenario that repeats the run, with robot and graph beside it if they are not
 /// built in.
-fn repeated(job: &Job, summary: &Summary) -> Result<Vec<(&'static str, Vec<u8>)>, Failure> {
+fn repeated(job: &Job, summary: &Summary) -> Result<Vec<(String, Vec<u8>)>, Failure> {
     let fault = summary
         .faults
         .iter()
@@ -441,16 +446,24 @@ fn repeated(job: &Job, summary: &Summary) -> Result<Vec<(&'static str, Vec<u8>)>
         .find(|(ending, _)| scenario.robot.ends_with(ending));
     if let Some((_, name)) = named {
         name.clone_into(&mut scenario.robot);
-        files.push((name, job.robot.urdf.clone().into_bytes()));
+        files.push((name.to_owned(), job.robot.urdf.clone().into_bytes()));
         let text = description(&job.robot)?;
         if !text.is_empty() {
-            files.push((ROBOT_TOML, text.into_bytes()));
+            files.push((ROBOT_TOML.to_owned(), text.into_bytes()));
+        }
+    }
+    for (i, segment) in scenario.segment.iter_mut().enumerate() {
+        if let Some(table) = &mut segment.table {
+            table.file = format!("{TABLE}{i}.csv");
+            let rows = std::mem::take(&mut table.rows);
+            files.push((table.file.clone(), rows.into_bytes()));
         }
     }
     let built_in = load::graph_of(&scenario, None)?;
     let mut graph = job.graph.clone();
     if let Some(session) = &mut scenario.servo {
-        files.push((TARGETS, targets(job, session, summary)?.into_bytes()));
+        let targets = targets(job, session, summary)?;
+        files.push((TARGETS.to_owned(), targets.into_bytes()));
         (session.input, session.live) = (TARGETS.to_owned(), false);
         session.targets.clear();
         // An interrupted session ends where it did.
@@ -470,13 +483,13 @@ fn repeated(job: &Job, summary: &Summary) -> Result<Vec<(&'static str, Vec<u8>)>
     if graph != built_in {
         GRAPH.clone_into(&mut scenario.graph);
         files.push((
-            GRAPH,
+            GRAPH.to_owned(),
             toml::to_string(&graph).map_err(Failure::work)?.into_bytes(),
         ));
     }
     let text = toml::to_string(&scenario).map_err(Failure::work)?;
     let sealed = seal::line(&text, &files) + &text;
-    files.push((SCENARIO, sealed.into_bytes()));
+    files.push((SCENARIO.to_owned(), sealed.into_bytes()));
     Ok(files)
 }
 

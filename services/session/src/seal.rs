@@ -13,7 +13,7 @@ const MARK: &str =
     "checksums = \"This file repeats a run; delete this line before an edit. Checksums:";
 
 /// The line that seals a scenario: a checksum of it and of the rest of the line, and those of the `others` that stand beside it and that it names.
-pub(crate) fn line(scenario: &str, others: &[(&str, Vec<u8>)]) -> String {
+pub(crate) fn line(scenario: &str, others: &[(String, Vec<u8>)]) -> String {
     let mut rest = String::new();
     for (name, bytes) in others {
         // Writing to a string does not fail.
@@ -49,7 +49,7 @@ pub(crate) fn open(file: &str, text: String, folder: &Path) -> Result<String, Fa
         if sum != format!("{:016x}", xxh3_64(&bytes)) {
             return Err(changed(&path.display().to_string()));
         }
-        others.push((name, bytes));
+        others.push((name.to_owned(), bytes));
     }
     if line(scenario, &others) + scenario != text {
         return Err(changed(file));
@@ -76,7 +76,7 @@ mod tests {
         );
         let path = folder.path().join("robot.urdf");
         std::fs::write(&path, &robot).unwrap();
-        let seal = line(scenario, &[("robot.urdf", robot.clone())]);
+        let seal = line(scenario, &[("robot.urdf".to_owned(), robot.clone())]);
         let text = seal.clone() + scenario;
         let runs = |text: &[u8]| {
             let Ok(text) = String::from_utf8(text.to_vec()) else {

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::curve::{AXES, Arc, Axis, Points, Table, is_near, is_rotation};
 use crate::file::{Complaint, require};
 
 /// The start posture, by exactly one of these keys.
@@ -19,13 +20,20 @@ pub struct Start {
     pub posture: Option<String>,
 }
 
-/// One piece of the path: a goal position, a goal rotation, both, or a `reorient`. With none of
-/// them, the hand holds still.
+/// One piece of the path: a goal position, a goal rotation, both, a curve (`waypoints`, `arc`,
+/// `spline` or `table`), or a `reorient`. With none of them, the hand holds still.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Segment {
-    /// Planned duration; s.
+    /// Planned duration, required without a `table`; s. A table has its own times; they are scaled
+    /// to this one if it is given.
+    #[serde(default)]
     pub duration_s: f64,
+    /// Time in which the hand gets up to a constant speed, and comes to rest again, at most half of
+    /// the duration; s. Left out: one smooth motion, which is fastest in its middle. A table that
+    /// does not begin and end at rest needs one, and takes longer by it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ramp_s: Option<f64>,
     /// Goal position in the base frame; m.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub to_m: Option<[f64; 3]>,
@@ -44,6 +52,18 @@ pub struct Segment {
     /// Rotation from the segment's start about an axis.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub turn: Option<Turn>,
+    /// Straight lines from point to point, with rounded corners.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub waypoints: Option<Points>,
+    /// A smooth curve through points.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub spline: Option<Points>,
+    /// An arc, a circle, a helix or a spiral.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub arc: Option<Arc>,
+    /// Poses with times, from a CSV file.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub table: Option<Table>,
     /// Turn a singular direction by null-space motion while the hand stands still.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reorient: Option<Reorient>,
@@ -62,14 +82,14 @@ pub struct Segment {
     pub branch: i32,
 }
 
-/// Shapes of a path; the timing is a quintic polynomial.
+/// Shapes of a path.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Path {
-    /// Straight line with the shortest rotation.
+    /// To the goal.
     #[default]
     Line,
-    /// The same line to the goal and back.
+    /// To the goal and back on the same way.
     ThereAndBack,
 }
 
@@ -77,7 +97,8 @@ pub enum Path {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Slide {
-    /// `"x"`, `"y"`, `"z"` (base axes), `"zeta:NAME"` (ζ of that singularity at the segment's
+    /// `"x"`, `"-y"` or three numbers such as `"1 0 1"` (base axes), the same after `"tool "` (the
+    /// hand's axes at the segment's start), `"zeta:NAME"` (ζ of that singularity at the segment's
     /// start) or `"zeta:NAME@start"` (at the start of the run).
     pub along: String,
     /// Distance; m.
@@ -107,11 +128,6 @@ pub struct Reorient {
 
 fn are_finite<'a>(values: impl IntoIterator<Item = &'a f64>) -> bool {
     values.into_iter().all(|value| value.is_finite())
-}
-
-/// Whether a distance is one within which there are arms: at most 1 km.
-fn is_near(metres: &f64) -> bool {
-    metres.abs() <= 1000.0
 }
 
 fn count<const N: usize>(given: [bool; N]) -> usize {
@@ -159,21 +175,91 @@ impl Segment {
             },
             _ => complaint.within(&format!("segment.{i}")),
         };
-        self.check_goals()
+        self.check_time()
+            .and_then(|()| self.check_goals())
+            .and_then(|()| self.check_curve())
             .and_then(|()| self.check_rotation())
             .and_then(|()| self.check_directions())
             .map_err(located)
     }
 
-    /// At most one goal of each kind; the path is relative to the segment.
-    fn check_goals(&self) -> Result<(), Complaint> {
+    /// Gives a segment whose table has been read, and which states no duration, that of the table.
+    pub fn take_times(&mut self) {
+        let rows = self.table.as_ref().and_then(|table| table.poses().ok());
+        if let Some([first, .., last]) = rows.as_deref().filter(|_| self.duration_s == 0.0) {
+            self.duration_s = last.t_s - first.t_s + self.ramp_s.unwrap_or(0.0);
+        }
+    }
+
+    fn check_time(&self) -> Result<(), Complaint> {
         let time = self.duration_s;
+        let is_tables = self.table.is_some() && time == 0.0;
         require(
-            time.is_finite() && time > 0.0,
+            time.is_finite() && time > 0.0 || is_tables,
             "duration_s",
             format!("the segment takes {time} s"),
             "a positive time",
         )?;
+        let Some(ramp) = self.ramp_s else {
+            return Ok(());
+        };
+        require(
+            ramp > 0.0 && (is_tables || ramp <= 0.5 * time),
+            "ramp_s",
+            format!("`ramp_s` is {ramp}"),
+            "a positive time, at most half of duration_s",
+        )?;
+        require(
+            self.path == Path::Line,
+            "ramp_s",
+            "a way there and back has no constant speed",
+            "leave out ramp_s, or write two segments",
+        )
+    }
+
+    /// A curve is a segment's only goal.
+    fn check_curve(&self) -> Result<(), Complaint> {
+        let Self {
+            waypoints,
+            spline,
+            arc,
+            table,
+            ..
+        } = self;
+        let given = count([
+            waypoints.is_some(),
+            spline.is_some(),
+            arc.is_some(),
+            table.is_some(),
+            self.to_m.is_some() || self.by_m.is_some() || self.slide.is_some(),
+            self.rotation.is_some() || self.quaternion.is_some() || self.turn.is_some(),
+        ]);
+        let is_curve = waypoints.is_some() || spline.is_some() || arc.is_some() || table.is_some();
+        require(
+            !is_curve || given == 1 && self.reorient.is_none(),
+            "",
+            "a curve has a further goal beside it",
+            "one of waypoints, spline, arc, table; the orientation is part of them",
+        )?;
+        require(
+            table.is_none() || self.path == Path::Line,
+            "path",
+            "a table has its own times",
+            "write the way back into the table",
+        )?;
+        let curves = [("waypoints", waypoints), ("spline", spline)];
+        for (key, points) in curves {
+            let has_corners = key == "waypoints";
+            points
+                .as_ref()
+                .map_or(Ok(()), |points| points.check(key, has_corners))?;
+        }
+        arc.as_ref().map_or(Ok(()), Arc::check)?;
+        table.as_ref().map_or(Ok(()), Table::check)
+    }
+
+    /// At most one goal of each kind; the path is relative to the segment.
+    fn check_goals(&self) -> Result<(), Complaint> {
         let [to, by] = [&self.to_m, &self.by_m].map(Option::is_some);
         let positions = count([to, by, self.slide.is_some()]);
         require(
@@ -241,13 +327,10 @@ impl Segment {
                 "orthonormal rows, determinant +1, to 1e-6",
             )?;
         }
-        let norm = self
-            .quaternion
-            .map_or(1.0, |q| q.iter().map(|x| x * x).sum());
         require(
-            (norm - 1.0).abs() <= 1e-6,
+            self.quaternion.as_ref().is_none_or(is_rotation),
             "quaternion",
-            format!("the quaternion's norm² is {norm}"),
+            "the quaternion's norm is not 1",
             "[w, x, y, z] with norm 1, to 1e-6",
         )
     }
@@ -262,14 +345,11 @@ impl Segment {
             .iter()
             .map(|turn| ("turn.about", &turn.about, turn.by_deg));
         for (key, direction, amount) in slide.chain(turn) {
-            let zeta = direction.strip_prefix("zeta:");
-            let named = zeta.map(|rest| rest.strip_suffix("@start").unwrap_or(rest));
             require(
-                ["x", "y", "z"].contains(&direction.as_str())
-                    || named.is_some_and(|name| !name.is_empty()),
+                Axis::parse(direction).is_some(),
                 key,
                 format!("`{direction}` is not a direction"),
-                "x, y, z, zeta:NAME or zeta:NAME@start, for example zeta:wrist@start",
+                AXES,
             )?;
             require(
                 amount.abs() <= 10_000.0,

@@ -3,7 +3,7 @@
 //! **What is searched.** A route: a chain of postures q(t), one for every pose of the path, each reached from the start posture by continuous motion
 //! within the joint limits, so that no jump between branches can hide in it.
 //!
-//! **Over which branches.** Each leg has layers at equal times ([`LAYERS`] at most), and the postures of a layer are followed to the next one by Newton
+//! **Over which branches.** Each leg has layers at equal times ([`LAYERS`] at most, more where a curve is long), and the postures of a layer are followed to the next one by Newton
 //! steps of adaptive length. Regular postures have one way on. More of them are tried where the arm is nearly singular: past the lock with ζ off the
 //! direction of travel, within the deviation that the user allows; out of a fold on either side; and, exactly in a lock, a self-motion that turns ζ while
 //! the path waits. Spare joints are tried both ways. A layer keeps its 10 cheapest postures,
@@ -12,7 +12,7 @@
 //! **By which cost.** The time that the motion takes at 0.8 of the speed limits, raised near joint limits and near singular postures, and a price for
 //! every stop and every deviation.
 //!
-//! **When it gives up.** After 40,000 steps in a leg, or with a layer that has no posture. A first search without further ways is enough where its
+//! **When it gives up.** After 40,000 steps in a leg (more in a long curve), or with a layer that has no posture. A first search without further ways is enough where its
 //! route costs no more than 1.15 times the path; else a second one adds layers where that route is nearest to a singular posture, and the cheaper route
 //! is kept. [`Infeasible`] gives the reason otherwise, and whether everything was tried.
 //!
@@ -40,6 +40,9 @@ use route::{ARRIVED, Block, Bounds, Effort, Furthest, Knot, Search, Stretch};
 
 /// Most layers of a leg.
 pub const LAYERS: usize = 40;
+/// Length of a curve, in the arm's own and with its turn in rad, that counts as a line; most lines in a curve.
+const LINE: f64 = 2.5;
+const LINES: f64 = 10.0;
 /// Layers of all legs together, where a task has many.
 const LAYERS_IN_ALL: usize = 4000;
 /// Seeds from which a pose is looked for anywhere in the joint space.
@@ -367,9 +370,16 @@ impl<'a, const N: usize> Route<'a, N> {
         let ramp = |t: f64| {
             before + (goal.unwrap_or(before) - before) * path.ramp(&Progress { time_s: t, ..begun })
         };
-        let still =
-            begun.by == Vector3::zeros() && begun.turn == Vector3::zeros() && goal.is_none();
-        let count = if still { 1 } else { self.layers_max };
+        let still = path.is_still(&begun) && goal.is_none();
+        let (length, angle) = path.extent(begun.leg);
+        let lines = ((length / self.arm.length_m + angle) / LINE)
+            .ceil()
+            .clamp(1.0, LINES);
+        let count = if still {
+            1
+        } else {
+            self.layers_max * lines as usize
+        };
         let layers = layers(leg.duration_s, count, times.iter().map(|t| t - from_s));
         let stretch = Stretch {
             from_s,
@@ -381,6 +391,7 @@ impl<'a, const N: usize> Route<'a, N> {
                 .is_some()
                 .then_some(&ramp as &dyn Fn(f64) -> SVector<f64, N>),
             layers: &layers,
+            lines: lines as u32,
             effort: if still && effort == Effort::Fan {
                 Effort::Branches
             } else {

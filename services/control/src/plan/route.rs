@@ -23,7 +23,7 @@ const STRAIGHT: f64 = 1e-4;
 const SHORTEST: f64 = 1e-7;
 /// Most knots between two layers.
 const KNOTS: usize = 150;
-/// Most steps of a search for each leg, and for all of them: about 30 µs each, so that the two searches of a leg end within 3 s on a core of their own.
+/// Most steps of a search for each leg that is a line, and for all of them: about 30 µs each, so that the two searches of a leg end within 3 s on a core of their own.
 const BUDGET: (u32, u32) = (40_000, 400_000);
 /// Share of them for routes beside the path: along a lock there are many, and a route on the path is not to fail for their sake.
 const BESIDE: f64 = 0.75;
@@ -142,6 +142,8 @@ pub(super) struct Stretch<'a, const N: usize> {
     pub(super) posture: Option<&'a dyn Fn(f64) -> SVector<f64, N>>,
     /// Times of the layers within the leg, s.
     pub(super) layers: &'a [f64],
+    /// How many lines it counts as.
+    pub(super) lines: u32,
     /// The branches that are searched.
     pub(super) effort: Effort,
 }
@@ -239,6 +241,8 @@ pub(super) struct Search<'a, const N: usize> {
     /// Steps taken in the present leg, and in those before it.
     spent: Cell<u32>,
     spent_before: u32,
+    /// Most steps in the present leg.
+    budget: u32,
     /// Whether a way on has been left out, so that a dead end proves nothing.
     cut: Cell<bool>,
     /// Times of locks that lie between two layers, s.
@@ -267,6 +271,7 @@ impl<'a, const N: usize> Search<'a, N> {
             furthest: None,
             spent: Cell::new(0),
             spent_before: 0,
+            budget: BUDGET.0,
             cut: Cell::new(false),
             locks: vec![],
             clear: CLEAR,
@@ -294,7 +299,7 @@ impl<'a, const N: usize> Search<'a, N> {
     fn is_spent(&self, share: f64) -> bool {
         let spent = self.spent.get();
         let is_over = |spent: u32, most: u32| f64::from(spent) > share * f64::from(most);
-        let is_spent = is_over(spent, BUDGET.0) || is_over(spent + self.spent_before, BUDGET.1);
+        let is_spent = is_over(spent, self.budget) || is_over(spent + self.spent_before, BUDGET.1);
         self.cut.set(self.cut.get() || is_spent);
         is_spent
     }
@@ -354,6 +359,7 @@ impl<'a, const N: usize> Search<'a, N> {
     /// Follows a leg from the layer `from`; returns the layer at its end, empty where no route leads there.
     pub(super) fn leg(&mut self, leg: &Stretch<'_, N>, from: &[usize]) -> Vec<usize> {
         self.spent_before += self.spent.take();
+        self.budget = BUDGET.0 * leg.lines;
         self.clear = if leg.fans() { CLEAR_SPARE } else { CLEAR };
         let mut layer = from.to_vec();
         for node in &mut layer {

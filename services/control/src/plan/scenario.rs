@@ -78,7 +78,9 @@ impl<const N: usize> Task<'_, N> {
     /// # Errors
     /// Why the path cannot be followed, in words: a joint limit in the way of every route, a torque limit, or a path beyond reach between reachable ends.
     pub(crate) fn route_ahead(&self) -> Result<Option<PathPlan<N>>, String> {
-        let Self { model, robot, .. } = *self;
+        let Self {
+            model, robot, path, ..
+        } = *self;
         if !self.is_planned() {
             return Ok(None);
         }
@@ -90,7 +92,7 @@ impl<const N: usize> Task<'_, N> {
         }
         let (found, velocity) = self.request(|request| (plan(request), request.velocity()));
         let plan = found.map_err(|error| words(robot, &error))?;
-        let (segment, fastest) = plan.fastest(&velocity);
+        let (segment, fastest) = plan.fastest(path, &velocity);
         if fastest < SLOWEST {
             return Err(format!(
                 "segment {segment} is too short: at the speeds of the joints it takes at least {:.0} times its duration",
@@ -134,7 +136,7 @@ fn advised<const N: usize>(
     let postures = posture_goals(robot, scenario, &q_start)?;
     let analyzer = Analyzer::new(robot, &scenario.analysis);
     let report = analyse(&mut analyzer.clone(), &model, &q_start);
-    let path = Path::new(scenario, &report)?;
+    let path = Path::new(scenario, model.forward_kinematics(&q_start), &report)?;
     let task = Task {
         model: &model,
         robot,

@@ -4,7 +4,7 @@ use super::kinematics::{Kinematics, lowest, slowest};
 use super::request::{Request, analyse, centre};
 use super::route::{Knot, SPEED};
 use crate::limits::clock;
-use crate::reference::path::Progress;
+use crate::reference::path::{Leg, Path, Progress};
 use crate::types::Report;
 use model::Pose;
 use nalgebra::SVector;
@@ -194,8 +194,8 @@ impl<const N: usize> PathPlan<N> {
     }
 
     /// The leg that is the fastest for its joints, and the clock at which they can follow it: at most [`SPEED`] of their limits at the peak of its time
-    /// law, a quintic.
-    pub(super) fn fastest(&self, velocity: &SVector<f64, N>) -> (usize, f64) {
+    /// law.
+    pub(super) fn fastest(&self, path: &Path, velocity: &SVector<f64, N>) -> (usize, f64) {
         let mut needed = vec![0.0; self.legs()];
         for pair in self.points.windows(2).filter(|pair| pair[1].t > pair[0].t) {
             let by = pair[1].q - pair[0].q;
@@ -204,7 +204,8 @@ impl<const N: usize> PathPlan<N> {
             }
         }
         let clock = |leg: usize| {
-            SPEED * (self.ends[leg] - self.begins(leg)) / (1.875 * needed[leg]).max(1e-9)
+            let peak = path.leg(leg).map_or(1.0, Leg::peak);
+            SPEED * (self.ends[leg] - self.begins(leg)) / (peak * needed[leg]).max(1e-9)
         };
         (0..self.legs())
             .map(|leg| (leg, clock(leg)))

@@ -33,7 +33,7 @@ fn assert_followed<const N: usize>(
     let q_start = crate::start_posture::<N>(&robot, &scenario).unwrap();
     let analyzer = Analyzer::new(&robot, &scenario.analysis);
     let report = analyse(&mut analyzer.clone(), &model, &q_start);
-    let path = Path::new(&scenario, &report).unwrap();
+    let path = Path::new(&scenario, model.forward_kinematics(&q_start), &report).unwrap();
     let plan = plan(&Request {
         model: &model,
         path: &path,

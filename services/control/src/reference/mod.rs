@@ -2,7 +2,7 @@
 //!
 //! | reference | given by | becomes | file |
 //! |---|---|---|---|
-//! | path | the segments of a scenario | a [`Leg`](path::Leg): a line, a turn, a slide along ζ | [`path`] |
+//! | path | the segments of a scenario | a [`Leg`](path::Leg): a line, a turn, a slide along ζ, a [curve] | [`path`] |
 //! | targets | a person or a program, at this moment | a leg of constant twist that begins anew at every tick | [`targets`] |
 //! | turn of ζ | `reorient` in a segment | a leg that stays, and the auxiliary coordinate's own profile | [`turn`] |
 //!
@@ -10,6 +10,7 @@
 //! the null space of a redundant arm has its own goal in [`posture`].
 
 pub(crate) mod avoidance;
+pub(crate) mod curve;
 pub(crate) mod free_axis;
 pub mod guide;
 pub mod path;

@@ -56,7 +56,7 @@ pub struct Situation<'a, const N: usize> {
     /// Desired motion of C.
     pub desired: &'a PoseMotion,
     /// The rest of the path's leg.
-    pub ahead: &'a Ahead,
+    pub ahead: &'a Ahead<'a>,
     /// Pose error at C, `[p_d − p; log(R_d Rᵀ)]`.
     pub error: &'a Vector6<f64>,
     /// Lower joint limits, rad.

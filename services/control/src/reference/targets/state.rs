@@ -95,7 +95,8 @@ pub struct TargetState<const N: usize> {
     pub fastest: Fastest,
 }
 
-/// A scenario with the session's duration in place of the text of its targets, which another process publishes.
+/// A scenario with the session's duration in place of the text of its targets, which another process publishes, and without the rows of its tables,
+/// which the path has.
 #[must_use]
 pub fn without_text(scenario: &Scenario) -> Scenario {
     let mut scenario = scenario.clone();
@@ -103,6 +104,11 @@ pub fn without_text(scenario: &Scenario) -> Scenario {
         session.duration_s = session.duration_s();
         session.targets.clear();
     }
+    let tables = scenario
+        .segment
+        .iter_mut()
+        .flat_map(|segment| &mut segment.table);
+    tables.for_each(|table| table.rows.clear());
     scenario
 }
 
