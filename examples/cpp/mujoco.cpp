@@ -1,4 +1,4 @@
-// An arm in MuJoCo goes through its wrist lock along a line, under the law of libarmplane. Argument: the MJCF file, here arm.xml.
+// An arm in MuJoCo goes through its wrist lock along a line, under the law of libarmplane. Arguments: its MJCF, arm.xml, and the URDF made of it, arm.urdf.
 #include <libarmplane.h>
 #include <mujoco/mujoco.h>
 
@@ -31,8 +31,8 @@ Law make_law(const Arm& arm, double dt) {
     return {law, armplane_law_destroy};
 }
 
-int run(const char* path) {
-    const Arm arm = read_arm(path);
+int run(const char* path, const char* urdf) {
+    const Arm arm = read_arm(urdf);
     char why[1000] = "";
     const Model model(mj_loadXML(path, nullptr, why, sizeof why), mj_deleteModel);
     if (!model) throw std::runtime_error(why);
@@ -82,7 +82,7 @@ int run(const char* path) {
 
 int main(int count, char** arguments) {
     try {
-        return run(count > 1 ? arguments[1] : "arm.xml");
+        return run(count > 2 ? arguments[1] : "arm.xml", count > 2 ? arguments[2] : "arm.urdf");
     } catch (const std::exception& error) {
         std::fprintf(stderr, "%s\n", error.what());
         return 2;

@@ -1,86 +1,240 @@
-"""Writes a MuJoCo model as MJCF with all digits, which MuJoCo's own writer rounds."""
+"""Arms in MJCF, as MuJoCo's own compiler reads them, for `armplane --robot ARM.xml` and `Arm.from_mujoco`: the same tree of links and joints as a URDF, and
+what a URDF has no element for as a description.
 
+`python -m armplane.mjcf ARM.xml [OUT.urdf]` writes the two as files, for programs without Python.
+"""
+
+import json
+import math
+import os
+import pathlib
+import sys
 from xml.sax.saxutils import quoteattr
 
-_JOINTS = ("free", "ball", "slide", "hinge")
-_GEOMS = {2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box"}
+try:
+    import numpy as np
+
+    from .rotation import rotation_exp, rotation_of
+except ImportError as error:
+    if __name__ == "__main__":
+        sys.exit(f"MuJoCo reads MJCF: pip install mujoco ({error})")
+    raise
+
+_FREE, _BALL, _SLIDE, _HINGE = range(4)
+_SPHERE, _CAPSULE, _CYLINDER, _BOX, _MESH = 2, 3, 5, 6, 7
+_KINDS = {_FREE: "floating", _BALL: "spherical", _SLIDE: "prismatic", _HINGE: "revolute"}
+# MuJoCo's viewer shows the groups below.
+_SEEN_GROUPS = 3
 
 
-def _element(tag, /, **attributes):
-    def text(value):
-        return value if isinstance(value, str) else " ".join(repr(float(x)) for x in (value if hasattr(value, "__len__") else [value]))
-
-    stated = (f"{key}={quoteattr(text(value))}" for key, value in attributes.items() if value is not None)
-    return f"<{tag} {' '.join(stated)}"
+def _numbers(values):
+    return " ".join(repr(float(x)) for x in np.atleast_1d(values))
 
 
-def _joint(m, j):
-    kind, dof = _JOINTS[m.jnt_type[j]], m.jnt_dofadr[j]
-    limited, forced = bool(m.jnt_limited[j]), bool(m.jnt_actfrclimited[j])
-    return _element(
-        "joint",
-        name=m.joint(j).name or None,
-        type=kind,
-        pos=m.jnt_pos[j],
-        axis=m.jnt_axis[j],
-        ref=m.qpos0[m.jnt_qposadr[j]] if kind in ("slide", "hinge") else None,
-        range=m.jnt_range[j] if limited else None,
-        limited=str(limited).lower(),
-        actuatorfrcrange=m.jnt_actfrcrange[j] if forced else None,
-        actuatorfrclimited=str(forced).lower(),
-        armature=m.dof_armature[dof],
-        damping=m.dof_damping[dof : dof + 1],
-        frictionloss=m.dof_frictionloss[dof],
-        stiffness=m.jnt_stiffness[j : j + 1],
-    )
+def _element(tag, *children, **attributes):
+    stated = "".join(f" {key}={quoteattr(value if isinstance(value, str) else _numbers(value))}" for key, value in attributes.items())
+    return f"<{tag}{stated}>{''.join(children)}</{tag}>" if children else f"<{tag}{stated}/>"
 
 
-def _actuator(m, a):
-    limited, controlled = bool(m.actuator_forcelimited[a]), bool(m.actuator_ctrllimited[a])
-    is_direct = m.actuator_biastype[a] == 0 and m.actuator_dyntype[a] == 0 and m.actuator_gaintype[a] == 0
-    return _element(
-        "general",
-        joint=m.joint(m.actuator_trnid[a, 0]).name,
-        gear=m.actuator_gear[a, :1],
-        forcerange=m.actuator_forcerange[a] if limited else None,
-        forcelimited=str(limited).lower(),
-        gainprm=m.actuator_gainprm[a, :1],
-        biastype="none" if is_direct else "affine",
-        ctrlrange=m.actuator_ctrlrange[a] if controlled else None,
-        ctrllimited=str(controlled).lower(),
-    )
+def _origin(p, R):
+    """R = Rz(yaw)·Ry(pitch)·Rx(roll); any yaw serves where the pitch is a right angle: the roll is that of what it leaves."""
+    yaw = math.atan2(R[1, 0], R[0, 0])
+    c, s = math.cos(yaw), math.sin(yaw)
+    rest = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ R
+    pitch, roll = math.atan2(-rest[2, 0], rest[0, 0]), math.atan2(-rest[1, 2], rest[1, 1])
+    return _element("origin", xyz=p, rpy=[roll, pitch, yaw])
 
 
-def text(m):
-    """The model `m` (mujoco.MjModel): bodies, inertia, joints, sites, geoms in closed form, force limits and gravity."""
+class _Names:
+    """Names that no other has: of bodies first, then of sites and what stands between."""
+
+    def __init__(self):
+        self.taken = set()
+
+    def new(self, name, other):
+        name = other if name in self.taken else name
+        self.taken.add(name)
+        return name
+
+
+class _Tree:
+    def __init__(self, m, folder):
+        self.m, self.folder, self.xml, self.joints, self.notes = m, folder, [], {}, []
+        names = _Names()
+        self.bodies = [names.new(m.body(b).name or f"body{b}", f"body{b}") for b in range(m.nbody)]
+        followers = {int(m.eq_obj1id[e]): int(m.eq_obj2id[e]) for e in range(m.neq) if m.eq_type[e] == 2 and m.eq_obj2id[e] >= 0}
+        joint_names = _Names()
+        self.joint_names = [joint_names.new(m.joint(j).name or f"joint{j}", f"joint{j}") for j in range(m.njnt)]
+        efforts = self._efforts()
+        for b in range(m.nbody):
+            self.xml.append(_element("link", *(self._inertial(b) + self._shapes(b) if b else [""]), name=self.bodies[b]))
+            if b:
+                self._joints_of(b, names, followers, efforts)
+            if b and m.body_gravcomp[b]:
+                self.notes.append(f"the gravity compensation of body '{self.bodies[b]}' is left out")
+        for s in range(m.nsite):
+            if name := m.site(s).name:
+                link = names.new(name, f"{name} (site)")
+                self.xml.append(_element("link", name=link))
+                self._fix(self.bodies[m.site_bodyid[s]], link, m.site_pos[s], rotation_of(m.site_quat[s]))
+
+    def _fix(self, parent, child, p, R):
+        ends = _element("parent", link=parent) + _element("child", link=child)
+        self.xml.append(_element("joint", ends, _origin(p, R), name=f"to {child}", type="fixed"))
+
+    def _inertial(self, b):
+        m = self.m
+        if not m.body_mass[b]:
+            return [""]
+        ixx, iyy, izz = m.body_inertia[b]
+        inertia = _element("inertia", ixx=ixx, iyy=iyy, izz=izz, ixy=0.0, ixz=0.0, iyz=0.0)
+        return [_element("inertial", _origin(m.body_ipos[b], rotation_of(m.body_iquat[b])), _element("mass", value=m.body_mass[b]), inertia)]
+
+    def _shapes(self, b):
+        m, shapes = self.m, []
+        for g in range(m.body_geomadr[b], m.body_geomadr[b] + m.body_geomnum[b]):
+            kind, size, p, R = int(m.geom_type[g]), m.geom_size[g], m.geom_pos[g], rotation_of(m.geom_quat[g])
+            if kind == _SPHERE:
+                form = _element("sphere", radius=size[0])
+            elif kind in (_CAPSULE, _CYLINDER):
+                form = _element("capsule" if kind == _CAPSULE else "cylinder", radius=size[0], length=2 * size[1])
+            elif kind == _BOX:
+                form = _element("box", size=2 * size)
+            elif kind == _MESH and m.mesh_pathadr[m.geom_dataid[g]] >= 0:
+                mesh = m.geom_dataid[g]
+                start = m.mesh_pathadr[mesh]
+                file = os.path.relpath(m.paths[start : m.paths.index(b"\0", start)].decode(), self.folder)
+                # The compiler moves a mesh to its own centre.
+                R = R @ rotation_of(m.mesh_quat[mesh]).T
+                p = p - R @ m.mesh_pos[mesh]
+                form = _element("mesh", filename=file, scale=m.mesh_scale[mesh])
+            else:
+                continue
+            collides = (m.geom_contype[g] or m.geom_conaffinity[g]) and not (kind == _MESH and m.geom_group[g] < _SEEN_GROUPS)
+            rgba = m.mat_rgba[m.geom_matid[g]] if m.geom_matid[g] >= 0 else m.geom_rgba[g]
+            parts = [_origin(p, R), _element("geometry", form)]
+            colour = _element("material", _element("color", rgba=rgba), name="")
+            shapes.append(_element("collision", *parts) if collides else _element("visual", *parts, colour))
+        return shapes or [""]
+
+    def _joints_of(self, b, names, followers, efforts):
+        """The joints of a body, each with a link of its own; the body's is fixed to the last one's where that turns beside it."""
+        m, body = self.m, self.bodies[b]
+        parent, p, R = self.bodies[m.body_parentid[b]], m.body_pos[b], rotation_of(m.body_quat[b])
+        first, count = m.body_jntadr[b], m.body_jntnum[b]
+        for j in range(first, first + count):
+            anchor = m.jnt_pos[j] if m.jnt_type[j] != _FREE else np.zeros(3)
+            is_body = j == first + count - 1 and not anchor.any()
+            child = body if is_body else names.new(f"{self.joint_names[j]} of {body}", f"joint{j} of {body}")
+            if not is_body:
+                self.xml.append(_element("link", name=child))
+            self._joint(j, [parent, child], p + R @ anchor, R, followers, efforts)
+            parent, p, R = child, -anchor, np.eye(3)
+        if parent != body:
+            self._fix(parent, body, p, R)
+
+    def _joint(self, j, ends, p, R, followers, efforts):
+        m, name = self.m, self.joint_names[j]
+        kind, dof = int(m.jnt_type[j]), int(m.jnt_dofadr[j])
+        axis, moves = m.jnt_axis[j], kind in (_SLIDE, _HINGE)
+        # The posture that the file draws is not q = 0 but q = ref.
+        ref = m.qpos0[m.jnt_qposadr[j]] if moves else 0.0
+        if kind == _SLIDE:
+            p = p - R @ axis * ref
+        elif kind == _HINGE:
+            R = R @ rotation_exp(-ref * axis)
+        limited = bool(m.jnt_limited[j])
+        lower, upper = m.jnt_range[j] if limited else (-math.inf, math.inf)
+        effort = efforts.get(j, math.inf)
+        if m.jnt_actfrclimited[j]:
+            effort = min(effort, _either_way(m.jnt_actfrcrange[j]))
+        children = [
+            _element("parent", link=ends[0]),
+            _element("child", link=ends[1]),
+            _origin(p, R),
+            _element("axis", xyz=axis),
+            _element("limit", lower=lower, upper=upper, effort=effort, velocity=math.inf),
+            _element("dynamics", damping=np.atleast_1d(m.dof_damping[dof])[0], friction=m.dof_frictionloss[dof]),
+        ]
+        if j in followers:
+            children.append(_element("mimic", joint=self.joint_names[followers[j]]))
+        kind = "continuous" if kind == _HINGE and not limited else _KINDS[kind]
+        self.xml.append(_element("joint", *children, name=name, type=kind))
+        if moves:
+            self.joints[j] = {"armature": float(m.dof_armature[dof])}
+        if np.any(m.jnt_stiffness[j]):
+            self.notes.append(f"the spring of joint '{name}' is left out")
+
+    def _efforts(self):
+        """The force of a joint's actuators through their gears."""
+        m, efforts = self.m, {}
+        for a in range(m.nu):
+            if m.actuator_trntype[a] not in (0, 1):
+                continue
+            force = _either_way(m.actuator_forcerange[a]) if m.actuator_forcelimited[a] else math.inf
+            if m.actuator_biastype[a] == m.actuator_dyntype[a] == m.actuator_gaintype[a] == 0 and m.actuator_ctrllimited[a]:
+                force = min(force, _either_way(m.actuator_ctrlrange[a]) * abs(m.actuator_gainprm[a, 0]))
+            j = int(m.actuator_trnid[a, 0])
+            efforts[j] = efforts.get(j, 0.0) + force * abs(m.actuator_gear[a, 0])
+        return efforts
+
+
+def _either_way(range_):
+    return min(-range_[0], range_[1])
+
+
+def texts(m, folder="."):
+    """The model `m` (mujoco.MjModel) as a URDF and as a description in TOML, two texts: bodies and sites are links, with all digits. Paths of meshes start
+    from `folder`."""
     if not hasattr(m, "jnt_type"):
         raise TypeError(f"model is a {type(m).__name__}: give a mujoco.MjModel, or the path of a file to Arm.from_urdf, which reads MJCF too")
-    lines = ["<mujoco>", '<compiler angle="radian" autolimits="false"/>', _element("option", gravity=m.opt.gravity) + "/>", "<worldbody>"]
+    tree = _Tree(m, folder)
+    lines = [f"gravity = [{', '.join(repr(float(x)) for x in m.opt.gravity)}]"]
+    if tree.notes:
+        lines.append(f"notes = {json.dumps(tree.notes)}")
+    for j, values in tree.joints.items():
+        lines += [f"[joints.{json.dumps(tree.joint_names[j])}]", *(f"{key} = {value!r}" for key, value in values.items())]
+    for k in range(m.nkey):
+        name = m.key(k).name or f"key{k}"
+        lines.append(f"[postures.{json.dumps(name)}]")
+        lines += [f"{json.dumps(tree.joint_names[j])} = {float(m.key_qpos[k, m.jnt_qposadr[j]])!r}" for j in tree.joints]
+    name = quoteattr(getattr(m, "names", b"arm").split(b"\0")[0].decode() or "arm")
+    return f"<robot name={name}>\n" + "\n".join(tree.xml) + "\n</robot>\n", "\n".join(lines) + "\n"
 
-    def contents(body):
-        if body:
-            name = m.body(body).name or None
-            lines.append(_element("body", name=name, pos=m.body_pos[body], quat=m.body_quat[body]) + ">")
-            inertia = _element("inertial", mass=m.body_mass[body], pos=m.body_ipos[body], quat=m.body_iquat[body], diaginertia=m.body_inertia[body])
-            lines.append(inertia + "/>")
-            first = m.body_jntadr[body]
-            lines.extend(_joint(m, j) + "/>" for j in range(first, first + m.body_jntnum[body]))
-            for g in range(m.body_geomadr[body], m.body_geomadr[body] + m.body_geomnum[body]):
-                if kind := _GEOMS.get(int(m.geom_type[g])):
-                    geom = _element("geom", type=kind, size=m.geom_size[g], pos=m.geom_pos[g], quat=m.geom_quat[g], rgba=m.geom_rgba[g], mass="0")
-                    lines.append(geom + "/>")
-        for s in range(m.nsite):
-            if m.site_bodyid[s] == body and m.site(s).name:
-                lines.append(_element("site", name=m.site(s).name, pos=m.site_pos[s], quat=m.site_quat[s]) + "/>")
-        for child in range(body + 1, m.nbody):
-            if m.body_parentid[child] == body:
-                contents(child)
-        lines.append("</body>" if body else "</worldbody>")
 
-    contents(0)
-    on_joints = [a for a in range(m.nu) if m.actuator_trntype[a] in (0, 1)]
-    lines += ["<actuator>", *(_actuator(m, a) + "/>" for a in on_joints), "</actuator>", "<equality>"]
-    for e in range(m.neq):
-        if m.eq_type[e] == 2 and m.eq_obj2id[e] >= 0:
-            lines.append(_element("joint", joint1=m.joint(m.eq_obj1id[e]).name, joint2=m.joint(m.eq_obj2id[e]).name) + "/>")
-    return "\n".join([*lines, "</equality>", "</mujoco>"])
+def read(path):
+    """The two texts of an MJCF file; whatever it includes is read from its folder."""
+    try:
+        import mujoco
+    except ImportError as error:
+        raise ModuleNotFoundError(f"{path} is MJCF, which MuJoCo reads: pip install mujoco ({error})") from error
+    try:
+        model = mujoco.MjModel.from_xml_path(os.fspath(path))
+    except Exception as error:
+        raise ValueError(f"MuJoCo refuses {path}: {' '.join(str(error).split())}") from error
+    return texts(model, os.path.dirname(os.path.abspath(path)))
+
+
+def main():
+    arguments = sys.argv[1:]
+    as_json = arguments[:1] == ["--json"]
+    if not as_json and len(arguments) not in (1, 2):
+        sys.exit("usage: python -m armplane.mjcf ARM.xml [OUT.urdf]")
+    path = pathlib.Path(arguments[as_json])
+    try:
+        urdf, description = read(path)
+    except (ImportError, ValueError) as error:
+        sys.exit(str(error))
+    if as_json:
+        return json.dump({"urdf": urdf, "description": description}, sys.stdout)
+    out = pathlib.Path(arguments[1]) if arguments[1:] else path.with_suffix(".urdf")
+    files = {out: urdf, out.with_suffix(".toml"): description}
+    if taken := next((file for file in files if file.exists()), None):
+        sys.exit(f"{taken} is there already: name another file, as in `python -m armplane.mjcf {path} OUT.urdf`")
+    for file, text in files.items():
+        file.write_text(text, encoding="utf-8")
+        print(file)
+
+
+if __name__ == "__main__":
+    main()

@@ -3,7 +3,6 @@
 import json
 import math
 import os
-import re
 import sys
 
 try:
@@ -23,8 +22,6 @@ _SAME = 1e-5
 # Of the robot's inertia: with less, the law's gains are too high.
 _LIGHT = 0.5
 _BAD = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
-_MJCF = re.compile(r"\ufeff?(\s|<\?.*?\?>|<!--.*?-->)*<mujoco", re.DOTALL)
-_FILES = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_HFIELD, mujoco.mjtGeom.mjGEOM_SDF)
 
 
 class Arm:
@@ -82,23 +79,13 @@ def _mass_matrix(model, data):
     return A
 
 
-def _spec(arm_text, robot_text, file):
-    """The scene's file; without one the robot's own MJCF, from which what lies in other files is taken out; of another robot the arm's model."""
+def _spec(arm_text, file):
+    """The scene's file; without one the arm's model, which touches nothing."""
     if file:
         return mujoco.MjSpec.from_file(file)
-    text = robot_text if _MJCF.match(robot_text) else arm_text
-    spec = mujoco.MjSpec.from_string(text)
-    for element in [*spec.geoms, *spec.sites]:
-        element.material = ""
-    for geom in [geom for geom in spec.geoms if geom.type in _FILES]:
-        spec.delete(geom)
-    for elements in (spec.materials, spec.textures, spec.skins, spec.meshes, spec.hfields):
-        for element in list(elements):
-            spec.delete(element)
-    # An arm alone touches nothing.
+    spec = mujoco.MjSpec.from_string(arm_text)
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
-    if text is arm_text:
-        spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
     return spec
 
 
@@ -132,7 +119,7 @@ class World:
         self.where, self.said = os.path.basename(file) if file else self.robot, []
         options = scenario["plant"]
         try:
-            spec = _spec(arm_text, job["robot"]["urdf"], file)
+            spec = _spec(arm_text, file)
             self._find(spec)
             if not options["self_collision"]:
                 _without_self_collision(spec, self.arm.names)

@@ -162,14 +162,17 @@ def test_a_urdf_that_lacks_something_is_refused_with_the_joint_and_the_remedy():
     assert (good.dof, good.tip, good.joints) == (2, "tool0", ["shoulder", "elbow"])
     assert any(one.inside for one in good.singularities([0.3, 0.0])) and not any(one.inside for one in good.singularities([0.3, 1.0]))
     inertia = URDF[URDF.index('<inertial><origin xyz="0.2 0 0"/><mass value="1"') : URDF.index('</link>\n<link name="tool0"/>')]
+    # Kinematics needs neither masses nor limits, the law all of them.
+    bare = arm(URDF.replace(inertia, ""))
+    assert np.isnan(bare.at([0.3, 0.0]).A).any() and any(one.inside for one in bare.singularities([0.3, 0.0]))
     for without, words in [
-        (inertia, ["elbow", "fore", "<inertial>"]),
-        ('<limit lower="-2" upper="2" effort="20" velocity="4"/>', ["elbow", "<limit>"]),
-        (' effort="20"', ["elbow", "effort", "<limit>"]),
+        (inertia, ["fore", "<inertial>"]),
+        ('<limit lower="-2" upper="2" effort="20" velocity="4"/>', ["elbow", "lower", "velocity"]),
+        (' effort="20"', ["elbow", "effort"]),
         (' velocity="4"', ["shoulder", "velocity", "<limit>"]),
     ]:
         with pytest.raises(ValueError) as error:
-            arm(URDF.replace(without, ""))
+            armplane.Law(arm(URDF.replace(without, "")))
         assert all(word in str(error.value) for word in words), error.value
 
 
@@ -213,27 +216,23 @@ def test_every_public_thing_has_words():
             assert getattr(kind, name).__doc__, f"{kind.__name__}.{name}"
 
 
-MJCF = """<mujoco><option gravity="0.1 0 -9.7"/><worldbody><body name="a" pos="0 0 0.3" euler="10 0 20">
-<joint name="one" axis="0 1 0" range="-120 140" armature="0.1"/><geom type="capsule" fromto="0 0 0 0.3 0 0.05" size="0.03"/>
-<body name="b" pos="0.3 0 0.05"><joint name="two" axis="1 0 1" ref="15" pos="0.01 0 0"/><geom type="box" size="0.1 0.02 0.03" pos="0.1 0 0"/>
-<site name="tip" pos="0.2 0 0.01" euler="0 30 0"/></body></body></worldbody>
-<actuator><motor joint="one" ctrlrange="-4 5" gear="10"/><position joint="two" kp="9" forcerange="-7 6"/></actuator></mujoco>"""
+# Every way of MJCF to state a pose, a mass, a limit or a default, in one arm.
+ODD = pathlib.Path(__file__).with_name("odd.xml")
 
 
-def test_a_mujoco_model_gives_the_arm_of_its_file_and_mujocos_numbers(tmp_path):
+def test_an_arm_in_mjcf_has_mujocos_numbers():
     mujoco = pytest.importorskip("mujoco")
-    (tmp_path / "two.xml").write_text(MJCF)
-    model = mujoco.MjModel.from_xml_string(MJCF)
+    model = mujoco.MjModel.from_xml_path(str(ODD))
     data = mujoco.MjData(model)
-    arms = [armplane.Arm.from_mujoco(model, site="tip"), armplane.Arm.from_urdf(tmp_path / "two.xml", tip="tip")]
+    arms = [armplane.Arm.from_mujoco(model, site="tip"), armplane.Arm.from_urdf(ODD, tip="tip")]
     for arm in arms:
-        assert any("'one'" in note and "velocity" in note for note in arm.notes)
-        assert list(arm.effort) == [40.0, 6.0] and arm.joints == ["one", "two"]
+        assert any("'j1'" in note and "velocity" in note for note in arm.notes)
+        assert list(arm.effort) == [24.0, 8.0, 18.0, 90.0, 3.0] and arm.joints == ["j1", "j2", "j3", "j4", "j5"]
     random = np.random.default_rng(1)
     for _ in range(100):
-        data.qpos[:], data.qvel[:] = random.uniform(-1, 1, 2), random.normal(size=2)
+        data.qpos[:], data.qvel[:] = random.uniform(-1, 1, 5), random.normal(size=5)
         mujoco.mj_forward(model, data)
-        A, linear, angular = np.zeros((2, 2)), np.zeros((3, 2)), np.zeros((3, 2))
+        A, linear, angular = np.zeros((5, 5)), np.zeros((3, 5)), np.zeros((3, 5))
         mujoco.mj_fullM(model, data, A)
         mujoco.mj_jacSite(model, data, linear, angular, 0)
         for arm in arms:
@@ -241,6 +240,43 @@ def test_a_mujoco_model_gives_the_arm_of_its_file_and_mujocos_numbers(tmp_path):
             for ours, theirs in [(at.A, A), (at.bias, data.qfrc_bias), (at.J, np.vstack([linear, angular])), (at.pose[:3, 3], data.site_xpos[0])]:
                 np.testing.assert_allclose(ours, theirs, atol=1e-12)
 
+
+TETRAHEDRON = "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0 0.3\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+HAND = """<mujoco><compiler meshdir="assets"/><asset><mesh name="hand" file="hand.obj" scale="2 1 1"/></asset><worldbody>
+<body name="hand" pos="0 0 0.4"><joint name="one" axis="0 1 0" range="-90 90"/><geom type="mesh" mesh="hand"/>
+<body name="finger" pos="0 0 0.3"><joint name="finger" type="slide" axis="1 0 0" range="0 0.01"/><geom size="0.01"/></body></body></worldbody>
+<keyframe><key name="home" qpos="0.5 0"/><key name="far" qpos="2 0"/></keyframe></mujoco>"""
+
+
+def test_mjcf_has_included_files_meshes_with_their_mass_and_keys(tmp_path):
+    mujoco = pytest.importorskip("mujoco")
+    (tmp_path / "assets").mkdir()
+    (tmp_path / "assets/hand.obj").write_text(TETRAHEDRON)
+    (tmp_path / "hand.xml").write_text(HAND)
+    (tmp_path / "whole.xml").write_text('<mujoco><include file="hand.xml"/></mujoco>')
+    arm = armplane.Arm.from_urdf(tmp_path / "whole.xml")
+    # A tetrahedron of water, 0.2 by 0.1 by 0.3 m, and what is fixed to it.
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "whole.xml"))
+    data = mujoco.MjData(model)
+    data.qpos[0] = 0.3
+    mujoco.mj_forward(model, data)
+    np.testing.assert_allclose(arm.at([0.3]).bias, data.qfrc_bias[:1], atol=1e-12)
+    assert arm.postures == {"home": [0.5]} and any("'far'" in note for note in arm.notes)
+    from armplane.mjcf import read
+
+    urdf, _ = read(tmp_path / "whole.xml")
+    assert 'filename="assets/hand.obj"' in urdf and "scale=" in urdf
+
+
+def test_an_arm_in_mjcf_runs_and_its_saved_scenario_repeats_it():
+    pytest.importorskip("mujoco")
+    pathlib.Path("up.toml").write_text(
+        f'name = "up"\nrobot = "{ODD}"\nsettle_s = 0.1\n[start]\nq = [0.1, 0.2, 0.3, 0.05, 0.4]\n[[segment]]\nby_m = [0.0, 0.0, 0.01]\nduration_s = 0.5\n'
+    )
+    one = armplane.run("up.toml", out="one")
+    two = armplane.run("one/scenario.toml", out="two")
+    assert one.goal_reached and one.summary["topics"] == two.summary["topics"]
+    assert pathlib.Path("two/robot.urdf").exists()
 
 ARM = """<body name="base" pos="0 0.2 0.1"><body name="upper"><joint name="one" axis="0 1 0" range="-170 170" armature="0.1" damping="0.5"/>
 <inertial pos="0.15 0 0" mass="2" diaginertia="0.01 0.02 0.02"/><geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.03"/>

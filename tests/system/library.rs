@@ -83,6 +83,7 @@ fn a_program_in_cpp_leads_mujocos_arm_through_its_wrist_lock() {
         folder,
     ];
     if let Some(program) = compiled(&desk, "c++", "mujoco.cpp", &options) {
-        succeeds(Command::new(program).arg(root().join("examples/cpp/arm.xml")));
+        let example = |name: &str| root().join("examples/cpp").join(name);
+        succeeds(Command::new(program).args([example("arm.xml"), example("arm.urdf")]));
     }
 }

@@ -41,21 +41,6 @@ fn every_built_in_scenario_reaches_its_goal() {
 }
 
 #[test]
-fn an_arm_in_mjcf_is_run_and_its_saved_scenario_repeats_it() {
-    let desk = Desk::new();
-    desk.file("odd.xml", include_str!("../golden/odd.xml"));
-    desk.file(
-        "up.toml",
-        "name = \"up\"\nrobot = \"odd.xml\"\nsettle_s = 0.1\n[start]\nq = [0.1, 0.2, 0.3, 0.05, 0.4]\n[[segment]]\nby_m = [0.0, 0.0, 0.01]\nduration_s = 0.5\n",
-    );
-    let first = desk.run("up.toml --out one");
-    first.holds(r#"{"outcome": "goal reached"}"#);
-    let again = desk.run("one/scenario.toml --out two");
-    assert_eq!(first["topics"], again["topics"]);
-    assert!(desk.has("two/robot.xml"));
-}
-
-#[test]
 fn real_time_keeps_its_rate_and_counts_its_deadlines() {
     let summary = Desk::new().run("--mode realtime --no-record");
     summary.holds(r#"{"mode": "realtime"}"#);

@@ -227,19 +227,4 @@ endsolid t
             assert_eq!(colour == 0xff0000ff, is_read, "{mesh}");
         }
     }
-
-    #[test]
-    fn a_mesh_of_mjcf_has_its_folder_scale_and_material() {
-        let folder = tempfile::tempdir().expect("room");
-        create_dir_all(folder.path().join("assets")).expect("room");
-        write(folder.path().join("assets/a.obj"), OBJ).expect("room");
-        let text = r#"<mujoco><compiler meshdir="assets"/><asset><mesh file="a.obj" scale="2 -2 2"/><material name="m" rgba="0 0 1 1"/></asset>
-<worldbody><body name="a"><joint name="j" axis="0 0 1"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
-<geom type="mesh" mesh="a" material="m" pos="0 0 1"/></body></worldbody></mujoco>"#;
-        let (corners, colour, lacking) = drawn(&folder.path().join("arm.xml"), text);
-        assert_eq!((lacking, colour), (None, 0x0000ffff));
-        // Mirrored, its corners go round the other way.
-        let placed = [Vec3::Z, Vec3::new(0.0, -2.0, 1.0), Vec3::new(2.0, 0.0, 1.0)];
-        assert_eq!(corners, placed);
-    }
 }

@@ -17,8 +17,7 @@ class Robot:
     def __init__(self, job):
         source = job["robot"]
         with tempfile.TemporaryDirectory() as folder:
-            is_mjcf = "<mujoco" in source["urdf"]
-            path = pathlib.Path(folder) / ("arm.xml" if is_mjcf else "arm.urdf")
+            path = pathlib.Path(folder) / "arm.urdf"
             path.write_text(source["urdf"])
             path.with_suffix(".toml").write_text(source["description"])
             self.arm = Arm.from_urdf(path, tip=job["scenario"]["frame"] or None)

@@ -112,6 +112,7 @@ impl Task {
                 "dt = {dt}: give the time of a tick in s, one over a whole number from 50 to 20000, such as 0.001"
             )));
         }
+        arm.robot.complete().map_err(Refused::because)?;
         settings.push(format!("rate_hz={rate}"));
         let (robot, scenario) = (Arc::clone(&arm.robot), arm.scenario(&settings)?);
         let steps = steps(&robot, &scenario)?;

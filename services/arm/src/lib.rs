@@ -110,7 +110,7 @@ impl Arm {
         Self::new(Robot::builtin(name).map_err(Refused::because)?, tip)
     }
 
-    /// The arm of a URDF or MJCF text with its description.
+    /// The arm of a URDF text with its description.
     ///
     /// # Errors
     /// [`Refused`] with the joint or link, and the remedy, where something is missing.
@@ -119,7 +119,7 @@ impl Arm {
         Self::new(robot, tip)
     }
 
-    /// The arm of a URDF or MJCF file. Where there is no `description`, it is the TOML file of the same name beside it, if there is one.
+    /// The arm of a URDF file. Where there is no `description`, it is the TOML file of the same name beside it, if there is one.
     ///
     /// # Errors
     /// As [`parse`](Self::parse), with the file.

@@ -248,9 +248,9 @@ uint32_t armplane_abi_version(void);
 const char *armplane_version(void);
 
 /**
- * Makes the arm of a URDF or MJCF file.
+ * Makes the arm of a URDF file. `python -m armplane.mjcf ARM.xml` makes one of MJCF.
  *
- * `abi_version`: ARMPLANE_ABI_VERSION. `tip`: the link, or in MJCF the body or site, that is E; NULL: the last one. `description`: a TOML file with what
+ * `abi_version`: ARMPLANE_ABI_VERSION. `tip`: the link that is E; NULL: the last one. `description`: a TOML file with what
  * the format has no element for (inertia of drives, friction, torque rates, speed limits); NULL: the file of the same name beside it, if there is one.
  * `error`: NULL, or room for `error_size` bytes; takes a sentence, cut where it is longer, empty on success. 512 bytes are enough for most.
  */
@@ -263,7 +263,7 @@ armplane_status armplane_arm_create_from_file(uint32_t abi_version,
                                               size_t error_size);
 
 /**
- * Makes the arm of a URDF or MJCF text. `name`: what it is called; `description`: the text of a description, or NULL. The rest is as for
+ * Makes the arm of a URDF text. `name`: what it is called; `description`: the text of a description, or NULL. The rest is as for
  * armplane_arm_create_from_file.
  */
 armplane_status armplane_arm_create_from_text(uint32_t abi_version,

@@ -223,9 +223,9 @@ pub extern "C" fn armplane_version() -> *const c_char {
     concat!(env!("CARGO_PKG_VERSION"), "\0").as_ptr().cast()
 }
 
-/// Makes the arm of a URDF or MJCF file.
+/// Makes the arm of a URDF file. `python -m armplane.mjcf ARM.xml` makes one of MJCF.
 ///
-/// `abi_version`: ARMPLANE_ABI_VERSION. `tip`: the link, or in MJCF the body or site, that is E; NULL: the last one. `description`: a TOML file with what
+/// `abi_version`: ARMPLANE_ABI_VERSION. `tip`: the link that is E; NULL: the last one. `description`: a TOML file with what
 /// the format has no element for (inertia of drives, friction, torque rates, speed limits); NULL: the file of the same name beside it, if there is one.
 /// `error`: NULL, or room for `error_size` bytes; takes a sentence, cut where it is longer, empty on success. 512 bytes are enough for most.
 ///
@@ -253,7 +253,7 @@ pub unsafe extern "C" fn armplane_arm_create_from_file(
     }
 }
 
-/// Makes the arm of a URDF or MJCF text. `name`: what it is called; `description`: the text of a description, or NULL. The rest is as for
+/// Makes the arm of a URDF text. `name`: what it is called; `description`: the text of a description, or NULL. The rest is as for
 /// armplane_arm_create_from_file.
 ///
 /// # Safety

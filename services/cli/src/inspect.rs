@@ -53,11 +53,8 @@ pub(crate) struct InspectArgs {
 }
 
 pub(crate) fn inspect(args: &InspectArgs, as_json: bool) -> Result<ExitCode, Failure> {
-    let whole = load::robot(&args.robot, None, args.frame.as_deref())?;
-    let robot = match &args.base {
-        Some(base) => load::on_base(&whole, base)?,
-        None => whole,
-    };
+    let (frame, base) = (args.frame.as_deref(), args.base.as_deref());
+    let robot = load::robot(&args.robot, None, frame, base)?;
     let q = posture(args, &robot)?;
     let qdot = args.qdot.clone().unwrap_or_else(|| vec![0.0; q.len()]);
     if qdot.len() != q.len() || qdot.iter().any(|rate| !rate.is_finite()) {
@@ -68,7 +65,7 @@ pub(crate) fn inspect(args: &InspectArgs, as_json: bool) -> Result<ExitCode, Fai
             q.len()
         )));
     }
-    let evaluated = evaluate(&robot, args.frame.as_deref(), &q, &qdot)?;
+    let evaluated = evaluate(&robot, frame, &q, &qdot)?;
     answer(
         as_json,
         &evaluated.json(&robot),

@@ -31,8 +31,8 @@
 //! ready = [0.0, -1.57, 1.57, 0.0, 0.0, 0.0]
 //! ```
 //!
-//! MJCF works like URDF: links are its bodies and sites, and the defaults of armature and friction are its own.
-//! `continuous` joints without a `<limit>` have no limits of position, torque or speed.
+//! MuJoCo makes a URDF and a description of an arm in MJCF (`pip install mujoco`): links are its bodies and sites, postures its keys, and a description
+//! beside the file adds to its own. `continuous` joints without a `<limit>` have no limits of position, torque or speed.
 
 use crate::error::{Defect, list};
 use crate::factors::Factors;
@@ -42,7 +42,7 @@ use crate::task::TaskAxis;
 use crate::urdf::Cut;
 use serde::Deserialize;
 use shared_types::file;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 #[derive(Debug, Default, Deserialize)]
@@ -57,7 +57,17 @@ pub(crate) struct Description {
     pub(crate) meshes: PathBuf,
     factors: Factors,
     joints: BTreeMap<String, JointTable>,
-    postures: BTreeMap<String, Vec<f64>>,
+    postures: BTreeMap<String, Posture>,
+    /// What a file of another format has that is left out.
+    pub(crate) notes: Vec<String>,
+}
+
+/// The positions of the joints of the chain, or of all joints by their names: a key of MJCF, of whose joints some are the chain's.
+#[derive(Debug, Deserialize)]
+#[serde(untagged)]
+enum Posture {
+    List(Vec<f64>),
+    ByJoint(BTreeMap<String, f64>),
 }
 
 #[derive(Debug, Deserialize)]
@@ -76,6 +86,31 @@ struct JointTable {
 
 /// The torque limit over this time is the default torque rate, s.
 const RISE_S: f64 = 0.02;
+
+/// The description `own` with what `over` states in place of its own: a key, or one of a joint, or a posture.
+///
+/// # Errors
+/// [`Defect::Description`] where one of them is no TOML.
+pub fn merged(own: &str, over: &str) -> Result<String, Defect> {
+    let table = |text: &str| {
+        let table = text.parse::<toml::Table>();
+        table.map_err(|error| Defect::Description(error.to_string()))
+    };
+    let mut all = table(own)?;
+    lay_over(&mut all, table(over)?);
+    Ok(all.to_string())
+}
+
+fn lay_over(all: &mut toml::Table, over: toml::Table) {
+    for (key, value) in over {
+        match (all.get_mut(&key), value) {
+            (Some(toml::Value::Table(inner)), toml::Value::Table(over)) => lay_over(inner, over),
+            (_, value) => {
+                all.insert(key, value);
+            }
+        }
+    }
+}
 
 impl Description {
     /// Of the arm of this name.
@@ -96,7 +131,12 @@ impl Description {
         }
     }
 
-    pub(crate) fn apply_to_joints(&self, joints: &mut [Joint]) -> Result<(), Defect> {
+    /// `names` are those of all joints of the file: of one that is not in the chain nothing has to be known.
+    pub(crate) fn apply_to_joints(
+        &self,
+        joints: &mut [Joint],
+        names: &BTreeSet<String>,
+    ) -> Result<(), Defect> {
         let tables = self.joints.iter();
         let mut tables: BTreeMap<_, _> = tables.filter(|(_, t)| t.locked.is_none()).collect();
         for joint in joints.iter_mut() {
@@ -117,11 +157,11 @@ impl Description {
             }
             joint.torque_rate = table.torque_rate.unwrap_or(joint.effort / RISE_S);
         }
-        match tables.pop_first() {
+        match tables.keys().find(|name| !names.contains(**name)) {
             None => Ok(()),
-            Some((name, _)) => Err(Defect::UnknownJoint {
-                joint: name.clone(),
-                known: list(joints.iter().map(|joint| &joint.name)),
+            Some(name) => Err(Defect::UnknownJoint {
+                joint: (*name).clone(),
+                known: list(names),
             }),
         }
     }
@@ -138,7 +178,27 @@ impl Description {
             Factors::Numeric => [0.0; 3],
         };
         check_values(robot, &task, lengths)?;
-        robot.postures = self.postures;
+        for (name, posture) in self.postures {
+            let q = match posture {
+                Posture::List(q) => q,
+                Posture::ByJoint(all) => {
+                    let joints = robot.joints.iter();
+                    let q: Option<Vec<_>> =
+                        joints.map(|joint| all.get(&joint.name).copied()).collect();
+                    match q.map(|q| (robot.check_posture(&q), q)) {
+                        Some((Ok(()), q)) => q,
+                        Some((Err(reason), _)) => {
+                            robot
+                                .notes
+                                .push(format!("posture '{name}' is left out: {reason}"));
+                            continue;
+                        }
+                        None => continue,
+                    }
+                }
+            };
+            robot.postures.insert(name, q);
+        }
         if robot.postures.is_empty() {
             robot.postures.insert("middle".to_owned(), robot.middle());
         }

@@ -1,5 +1,6 @@
 //! Why a text is not a robot, and why a posture is not a robot's.
 
+use crate::joint::JointKind;
 use shared_types::MAX_DOF;
 use std::fmt;
 
@@ -27,8 +28,11 @@ pub enum RobotError {
 pub enum Defect {
     #[error("not a URDF: {0}")]
     Urdf(String),
-    #[error("not an MJCF: {0}")]
-    Mjcf(String),
+    #[error(
+        "it is MJCF, which MuJoCo reads: `python -m armplane.mjcf ARM.xml` makes a URDF of it; the commands of armplane and `Arm.from_urdf` in Python do so \
+         by themselves for a file that ends in .xml"
+    )]
+    Mjcf,
     /// The file, the line and the defect.
     #[error("bad description: {0}")]
     Description(String),
@@ -45,7 +49,8 @@ pub enum Defect {
     )]
     NoMovableJoint { frame: String },
     #[error(
-        "it has {0} movable joints in its chain; at most {MAX_DOF} are supported: fix some, or choose a nearer `default_frame`"
+        "it has {0} movable joints in its chain; at most {MAX_DOF} are supported: fix some, or choose a nearer base or end (`base_frame`, `default_frame` in \
+         its description; `--base`, `--frame` of `armplane inspect`)"
     )]
     TooManyJoints(usize),
     #[error(
@@ -57,11 +62,9 @@ pub enum Defect {
         "joint '{joint}' mimics '{leader}'; mimic joints are not supported in the chain: make it fixed or independent"
     )]
     Mimic { joint: String, leader: String },
-    #[error(
-        "moving link '{link}' has no inertia, so the motion of joint '{joint}' cannot be computed: \
-         add <inertial> with its centre of mass, mass and inertia to it"
-    )]
-    NoInertia { link: String, joint: String },
+    /// What is unknown of an arm that is to move, and a block to fill in.
+    #[error("it cannot move yet: {0}")]
+    Gaps(String),
     /// Principal moments in kg·m².
     #[error(
         "link '{link}' has an impossible inertia: mass {mass} kg, principal moments {} kg·m² about its \
@@ -133,9 +136,13 @@ pub enum PostureError {
     },
     #[error("joint '{joint}' is {value}: give a finite number")]
     NotFinite { joint: String, value: f64 },
-    #[error("joint '{joint}' = {value:.4} is outside its limits [{lower:.4}, {upper:.4}]")]
+    #[error(
+        "joint '{joint}' = {} is outside its limits [{}, {}]: the nearest within is {}",
+        in_both(*kind, *value), in_both(*kind, *lower), in_both(*kind, *upper), in_both(*kind, value.clamp(*lower, *upper))
+    )]
     OutsideLimits {
         joint: String,
+        kind: JointKind,
         value: f64,
         lower: f64,
         upper: f64,
@@ -150,6 +157,11 @@ pub enum PostureError {
     Degrees { joint: String },
     #[error("no start posture is given: give one of q, q_deg, posture")]
     Missing,
+}
+
+/// A position in rad (m), and as people read it.
+fn in_both(kind: JointKind, q: f64) -> String {
+    format!("{q:.4} ({:.2}{})", kind.shown(q), kind.units()[0])
 }
 
 /// Most names in a sentence.

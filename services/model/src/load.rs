@@ -3,9 +3,10 @@
 use crate::description::Description;
 use crate::error::{Defect, RobotError, list};
 use crate::factors::Factors;
-use crate::joint::Joint;
+use crate::joint::{Joint, JointKind};
 use crate::robot::Robot;
-use crate::{geometry, mjcf, urdf};
+use crate::{geometry, urdf};
+use nalgebra::Vector3;
 use shared_types::bounds::within;
 use shared_types::job::RobotText;
 use std::collections::BTreeMap;
@@ -76,14 +77,19 @@ impl Robot {
 
 fn read(source: &RobotText) -> Result<Robot, Defect> {
     let description = Description::parse(&source.name, &source.description)?;
-    let is_mjcf = mjcf::is_mjcf(&source.urdf);
-    let read = if is_mjcf { mjcf::read } else { urdf::read };
-    let mut chain = read(&source.urdf, &description.cut())?;
-    description.apply_to_joints(&mut chain.joints)?;
-    if is_mjcf {
-        chain.notes.extend(unlimited(&chain.joints));
+    if is_mjcf(&source.urdf) {
+        return Err(Defect::Mjcf);
     }
+    let mut chain = urdf::read(&source.urdf, &description.cut())?;
+    description.apply_to_joints(&mut chain.joints, &chain.names)?;
+    chain.notes.extend(description.notes.iter().cloned());
     chain.joints.iter().try_for_each(check_joint)?;
+    chain.notes.extend(unlimited(&chain.joints));
+    let gaps = gaps(&source.name, &mut chain.joints);
+    chain.notes.extend(
+        gaps.iter()
+            .map(|gaps| format!("it cannot move yet: {gaps}")),
+    );
     let default_frame = description.default_frame.clone().unwrap_or(chain.tip);
     let mut robot = Robot {
         name: source.name.clone(),
@@ -91,7 +97,8 @@ fn read(source: &RobotText) -> Result<Robot, Defect> {
         joints: chain.joints,
         frames: chain.frames,
         shapes: chain.shapes,
-        gravity: chain.gravity,
+        gravity: Vector3::new(0.0, 0.0, -9.81),
+        gaps,
         factors: Factors::Numeric,
         default_frame,
         task: crate::TaskAxes::ALL,
@@ -118,12 +125,23 @@ fn read(source: &RobotText) -> Result<Robot, Defect> {
     Ok(robot)
 }
 
-/// The limits that a MJCF does not state: none of speed, and of torque where no actuator has a range of force.
+/// Whether a text is MuJoCo's.
+fn is_mjcf(text: &str) -> bool {
+    let mut tags = text.split('<').skip(1);
+    let is_element = |tag: &&str| tag.starts_with(|first: char| first.is_alphabetic());
+    tags.find(is_element)
+        .is_some_and(|tag| tag.starts_with("mujoco"))
+}
+
+/// The limits that are not stated, of speed and of torque. A continuous joint without any needs none.
 fn unlimited(joints: &[Joint]) -> impl Iterator<Item = String> {
     let of = |effort: bool, joint: &Joint| if effort { joint.effort } else { joint.velocity };
     let kinds = [("torque", "effort", true), ("speed", "velocity", false)];
     kinds.into_iter().filter_map(move |(what, key, effort)| {
-        let names = joints.iter().filter(|joint| of(effort, joint).is_infinite());
+        let is_unlimited = |joint: &&Joint| {
+            joint.kind != JointKind::Continuous && of(effort, joint).is_infinite()
+        };
+        let names = joints.iter().filter(is_unlimited);
         let names: Vec<_> = names.map(|joint| &joint.name).collect();
         (!names.is_empty()).then(|| {
             format!(
@@ -134,45 +152,73 @@ fn unlimited(joints: &[Joint]) -> impl Iterator<Item = String> {
     })
 }
 
-fn check_joint(joint: &Joint) -> Result<(), Defect> {
-    let range = "state lower < upper in the URDF's <limit>, or in the description (ARM.toml beside ARM.urdf)";
-    let positive = "state a positive number (or inf) in the URDF's <limit>, or in the description (ARM.toml beside ARM.urdf)";
-    let not_negative = "state a finite number, zero or more";
-    let is_friction = |x: f64| x >= 0.0 && x.is_finite();
-    let (lower, upper) = (joint.lower, joint.upper);
-    if !(lower < f64::INFINITY && upper > lower) {
-        let given = format!("{lower} to {upper}");
-        return Err(Defect::of_joint(&joint.name, "range", given, range));
+/// What is unknown of an arm that is to move, with a block to fill in; its joints have no such limits then. `None` where nothing is.
+fn gaps(robot: &str, joints: &mut [Joint]) -> Option<String> {
+    let (mut limits, mut links) = (String::new(), Vec::new());
+    for joint in joints {
+        let mut keys = Vec::new();
+        if joint.lower == joint.upper {
+            (joint.lower, joint.upper) = (f64::NEG_INFINITY, f64::INFINITY);
+            keys.extend(["lower =      # rad", "upper =      # rad"]);
+        }
+        for (value, key) in [
+            (&mut joint.effort, "effort =     # N·m"),
+            (&mut joint.velocity, "velocity =   # rad/s"),
+        ] {
+            if *value == 0.0 {
+                *value = f64::INFINITY;
+                keys.push(key);
+            }
+        }
+        if !keys.is_empty() {
+            joint.torque_rate = f64::INFINITY;
+            limits += &format!("\n  [joints.{:?}]\n  {}", joint.name, keys.join("\n  "));
+        }
+        if joint.mass.is_nan() {
+            links.push(joint.link.clone());
+        }
     }
-    for (what, value, holds, remedy) in [
-        ("effort", joint.effort, joint.effort > 0.0, positive),
-        (
-            "torque_rate",
-            joint.torque_rate,
-            joint.torque_rate > 0.0,
-            positive,
-        ),
-        ("velocity", joint.velocity, joint.velocity > 0.0, positive),
-        (
-            "armature",
-            joint.armature,
-            is_friction(joint.armature),
-            not_negative,
-        ),
-        (
-            "viscous_friction",
-            joint.viscous_friction,
-            is_friction(joint.viscous_friction),
-            not_negative,
-        ),
-        (
-            "coulomb_friction",
-            joint.coulomb_friction,
-            is_friction(joint.coulomb_friction),
-            not_negative,
-        ),
+    let mut parts = Vec::new();
+    if !links.is_empty() {
+        parts.push(format!(
+            "the mass of what moves is unknown: give the links {}, or what is fixed to them, an <inertial> with mass, centre of mass and inertia",
+            list(links)
+        ));
+    }
+    if !limits.is_empty() {
+        parts.push(format!(
+            "limits are missing or zero: fill them in below in {robot}.toml beside the arm's file (inf for none){limits}"
+        ));
+    }
+    (!parts.is_empty()).then(|| parts.join("; and "))
+}
+
+/// Refuses what no arm can have; what is missing, as zero or an empty range, is in [`gaps`].
+fn check_joint(joint: &Joint) -> Result<(), Defect> {
+    let (lower, upper) = (joint.lower, joint.upper);
+    if !(lower < f64::INFINITY && upper >= lower) {
+        let remedy = "state lower < upper in the URDF's <limit>, or in the description (ARM.toml beside ARM.urdf)";
+        let given = format!("{lower} to {upper}");
+        return Err(Defect::of_joint(&joint.name, "range", given, remedy));
+    }
+    for (what, value) in [
+        ("effort", joint.effort),
+        ("torque_rate", joint.torque_rate),
+        ("velocity", joint.velocity),
     ] {
-        if !holds {
+        let is_unknown = value == 0.0 && joint.effort == 0.0;
+        if value.is_nan() || value < 0.0 || what == "torque_rate" && value == 0.0 && !is_unknown {
+            let remedy = "state a positive number (or inf) in the URDF's <limit>, or in the description (ARM.toml beside ARM.urdf)";
+            return Err(Defect::of_joint(&joint.name, what, value, remedy));
+        }
+    }
+    for (what, value) in [
+        ("armature", joint.armature),
+        ("viscous_friction", joint.viscous_friction),
+        ("coulomb_friction", joint.coulomb_friction),
+    ] {
+        if !(value >= 0.0 && value.is_finite()) {
+            let remedy = "state a finite number, zero or more";
             return Err(Defect::of_joint(&joint.name, what, value, remedy));
         }
     }

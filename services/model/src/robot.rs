@@ -1,6 +1,6 @@
 //! The arm as data.
 
-use crate::error::{PostureError, list};
+use crate::error::{Defect, PostureError, RobotError, list};
 use crate::factors::Factors;
 use crate::joint::{Frame, Joint, JointKind};
 use crate::shape::Shape;
@@ -36,6 +36,8 @@ pub struct Robot {
     pub postures: BTreeMap<String, Vec<f64>>,
     /// Resolution of the joint encoders, bits per turn.
     pub encoder_bits: u32,
+    /// What is unknown of an arm that is to move, as [`complete`](Self::complete) refuses it.
+    pub(crate) gaps: Option<String>,
     /// Assumptions and omissions of the reading, one sentence each, for display.
     pub notes: Vec<String>,
     /// The folder from which the paths of mesh files start.
@@ -45,6 +47,19 @@ pub struct Robot {
 }
 
 impl Robot {
+    /// Whether all is known that its motion depends on: masses and limits. Kinematics and singularities need none of them; what depends on an unknown
+    /// mass is NaN.
+    ///
+    /// Errors: [`RobotError`] with all gaps at once, and a block of the description to fill in.
+    pub fn complete(&self) -> Result<(), RobotError> {
+        self.gaps.as_ref().map_or(Ok(()), |gaps| {
+            Err(RobotError::Defect {
+                robot: self.name.clone(),
+                defect: Defect::Gaps(gaps.clone()),
+            })
+        })
+    }
+
     /// Number of joints.
     pub fn dof(&self) -> usize {
         self.joints.len()
@@ -84,6 +99,7 @@ impl Robot {
             None => Ok(()),
             Some((joint, value)) if value.is_finite() => Err(PostureError::OutsideLimits {
                 joint: joint.name.clone(),
+                kind: joint.kind,
                 value,
                 lower: joint.lower,
                 upper: joint.upper,

@@ -11,15 +11,16 @@ use shared_types::MAX_DOF;
 use std::collections::{BTreeMap, BTreeSet};
 use urdf_rs::JointType;
 
-/// The content of a URDF or MJCF: a serial chain.
+/// The content of a URDF: a serial chain.
 pub(crate) struct Chain {
+    /// A mass is NaN where the file has no inertia for what the joint moves.
     pub(crate) joints: Vec<Joint>,
+    /// The names of all joints of the file.
+    pub(crate) names: BTreeSet<String>,
     pub(crate) frames: Vec<Frame>,
     pub(crate) shapes: Vec<Shape>,
     /// The chain's last link.
     pub(crate) tip: String,
-    /// m/s², base axes.
-    pub(crate) gravity: Vector3<f64>,
     pub(crate) notes: Vec<String>,
 }
 
@@ -36,16 +37,22 @@ pub(crate) struct Cut<'a> {
 
 /// Reads the part `cut` of `text` as a serial chain.
 pub(crate) fn read(text: &str, cut: &Cut<'_>) -> Result<Chain, Defect> {
-    let text = without_foreign(text).map_err(Defect::Urdf)?;
-    let urdf = urdf_rs::read_from_string(&text).map_err(|error| {
+    let own = without_foreign(text).map_err(Defect::Urdf)?;
+    let urdf = urdf_rs::read_from_string(&own).map_err(|error| {
         let error = error.to_string();
-        Defect::Urdf(lacking(&text, &error).unwrap_or(error))
+        // The lines are those of the file, unless its prefixes have no names.
+        let document =
+            roxmltree::Document::parse(text).or_else(|_| roxmltree::Document::parse(&own));
+        let place = document
+            .ok()
+            .and_then(|document| lacking(&document, &error).or_else(|| unreadable(&document)));
+        Defect::Urdf(place.unwrap_or(error))
     })?;
-    chain(&urdf, cut)
+    Tree::new(&urdf, cut)?.chain(cut.end)
 }
 
 /// Where an attribute is missing of which the parser's `error` gives the name, but not the place.
-fn lacking(text: &str, error: &str) -> Option<String> {
+fn lacking(document: &roxmltree::Document<'_>, error: &str) -> Option<String> {
     /// Elements with the attributes that each of them needs.
     const NEEDED: [(&str, &[&str]); 9] = [
         ("limit", &["velocity"]),
@@ -59,25 +66,52 @@ fn lacking(text: &str, error: &str) -> Option<String> {
         ("mesh", &["filename"]),
     ];
     let attribute = error.split('`').nth(1)?;
-    let document = roxmltree::Document::parse(text).ok()?;
     let is_lacking = |node: &roxmltree::Node<'_, '_>| {
         let tag = node.tag_name().name();
         let needs = |&(known, names): &(&str, &[&str])| known == tag && names.contains(&attribute);
         NEEDED.iter().any(needs) && node.attribute(attribute).is_none()
     };
     let node = document.descendants().find(is_lacking)?;
-    let tag = node.tag_name().name();
-    let owner = node.ancestors().find_map(|node| {
-        let name = node.attribute("name")?;
-        Some(format!("{} '{name}'", node.tag_name().name()))
-    });
-    let owner = owner.unwrap_or_default();
-    Some(format!("<{tag}> of {owner} has no `{attribute}`: add it"))
+    Some(format!("{} has no `{attribute}`: add it", place(&node)))
 }
 
-/// The part `cut` of links and joints as a serial chain.
-pub(crate) fn chain(urdf: &urdf_rs::Robot, cut: &Cut<'_>) -> Result<Chain, Defect> {
-    Tree::new(urdf, cut)?.chain(cut.end)
+/// Where a number is none, which the parser does not say.
+fn unreadable(document: &roxmltree::Document<'_>) -> Option<String> {
+    const NUMBERS: [&str; 20] = [
+        "xyz", "rpy", "value", "ixx", "ixy", "ixz", "iyy", "iyz", "izz", "lower", "upper",
+        "effort", "velocity", "radius", "length", "size", "scale", "damping", "friction", "rgba",
+    ];
+    let all = document
+        .descendants()
+        .flat_map(|node| node.attributes().map(move |one| (node, one)));
+    let is_broken = |one: &roxmltree::Attribute<'_, '_>| {
+        let mut words = one.value().split_whitespace();
+        NUMBERS.contains(&one.name()) && words.any(|word| word.parse::<f64>().is_err())
+    };
+    let (node, attribute) = all.into_iter().find(|(_, one)| is_broken(one))?;
+    let (name, value) = (attribute.name(), attribute.value());
+    let remedy = match value.contains("${") {
+        true => "run xacro on the file first",
+        false => "give numbers, with points for decimals",
+    };
+    Some(format!(
+        "{}: {name}=\"{value}\" is no number: {remedy}",
+        place(&node)
+    ))
+}
+
+/// An element as people find it.
+fn place(node: &roxmltree::Node<'_, '_>) -> String {
+    let owner = node.ancestors().find_map(|node| {
+        let name = node.attribute("name")?;
+        Some(format!(" of {} '{name}'", node.tag_name().name()))
+    });
+    let line = node.document().text_pos_at(node.range().start).row;
+    format!(
+        "line {line}: <{}>{}",
+        node.tag_name().name(),
+        owner.unwrap_or_default()
+    )
 }
 
 /// Parts of the names of joints that open and close a gripper.
@@ -151,7 +185,7 @@ impl<'a> Tree<'a> {
     /// The one link without a parent, on which all the others hang.
     fn only_root(&self) -> Result<&'a str, Defect> {
         if self.links.is_empty() {
-            let sentence = "it has no <link>: give a URDF (<robot>) or MuJoCo's MJCF (<mujoco>)";
+            let sentence = "it has no <link>: give a URDF (<robot>), or MuJoCo's MJCF in a file that ends in .xml";
             return Err(Defect::Urdf(sentence.to_owned()));
         }
         let roots = self.links.keys().copied();
@@ -317,7 +351,12 @@ impl<'a> Tree<'a> {
             frames: vec![],
             shapes: vec![],
             tip,
-            gravity: Vector3::new(0.0, 0.0, -9.81),
+            names: self
+                .urdf
+                .joints
+                .iter()
+                .map(|one| one.name.clone())
+                .collect(),
             notes: vec![],
         };
         // The link moved by the last joint and all links rigid with it: the candidates for the next joint's parent.
@@ -423,7 +462,7 @@ impl<'a> Tree<'a> {
             return Err(Defect::of_joint(&name, "axis", value, remedy));
         };
         check_finite(&X_PJ, || format!("the pose of joint '{name}'"))?;
-        let (mass, com, inertia) = self.lump(rigid, &name)?;
+        let (mass, com, inertia) = self.lump(rigid)?;
         let dynamics = joint.dynamics.as_ref();
         let mut limit = joint.limit.clone();
         if kind == JointKind::Continuous {
@@ -455,12 +494,8 @@ impl<'a> Tree<'a> {
         })
     }
 
-    /// Mass, centre of mass, and inertia about it, of links that a joint moves as one, in the first one's frame.
-    fn lump(
-        &self,
-        rigid: &Rigid<'a>,
-        joint: &str,
-    ) -> Result<(f64, Vector3<f64>, Matrix3<f64>), Defect> {
+    /// Mass, centre of mass, and inertia about it, of links that a joint moves as one, in the first one's frame; NaN where none of them has any.
+    fn lump(&self, rigid: &Rigid<'a>) -> Result<(f64, Vector3<f64>, Matrix3<f64>), Defect> {
         let mut bodies = Vec::new();
         for &(name, X_LF) in rigid {
             let inertial = &self.links[name].inertial;
@@ -489,10 +524,8 @@ impl<'a> Tree<'a> {
         let name = rigid[0].0;
         let mass: f64 = bodies.iter().map(|(m, ..)| m).sum();
         if mass <= 0.0 {
-            return Err(Defect::NoInertia {
-                link: name.to_owned(),
-                joint: joint.to_owned(),
-            });
+            let unknown = f64::NAN;
+            return Ok((unknown, Vector3::repeat(unknown), Matrix3::repeat(unknown)));
         }
         let (com, inertia) = match bodies[..] {
             // One body alone keeps its numbers to the last bit.

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use model::{Joint, Refused, Robot, RobotText};
+use model::{Joint, Refused, Robot, RobotText, description};
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use shared_types::{SingularityReport, SingularityState, codes};
@@ -72,6 +72,18 @@ impl Arm {
         })
     }
 
+    /// The arm of the texts that `armplane.mjcf` makes, with the description of `source` laid over theirs.
+    fn of_mjcf(texts: &Bound<'_, PyAny>, source: RobotText, tip: Option<&str>) -> PyResult<Self> {
+        let (urdf, own): (String, String) = texts.extract()?;
+        let description = description::merged(&own, &source.description).map_err(refused)?;
+        let source = RobotText {
+            urdf,
+            description,
+            ..source
+        };
+        Self::new(texts.py(), arm::Arm::parse(&source, tip))
+    }
+
     /// The analysis of each row of `q` by itself, at rest. A row that is not finite has no singularities, and NaN.
     fn analyse(&self, q: &[f64], reports: &mut [SingularityReport]) {
         in_parts(reports, |first, part| {
@@ -97,8 +109,13 @@ impl Arm {
         tip: Option<String>,
         description: Option<PathBuf>,
     ) -> PyResult<Self> {
-        let made = arm::Arm::read(&path, description.as_deref(), tip.as_deref());
-        Self::new(py, made)
+        if path.extension().is_none_or(|ending| ending != "xml") {
+            let made = arm::Arm::read(&path, description.as_deref(), tip.as_deref());
+            return Self::new(py, made);
+        }
+        let source = files::robot(&path, description.as_deref()).map_err(refused)?;
+        let texts = py.import("armplane.mjcf")?.call_method1("read", (&path,))?;
+        Self::of_mjcf(&texts, source, tip.as_deref())
     }
 
     /// The arm of a MuJoCo model (`mujoco.MjModel`), seen at the site or body `site` (the chain's last one where None).
@@ -111,17 +128,18 @@ impl Arm {
         site: Option<String>,
         description: Option<PathBuf>,
     ) -> PyResult<Self> {
-        let py = model.py();
-        let urdf = py.import("armplane.mjcf")?.call_method1("text", (model,))?;
+        let texts = model
+            .py()
+            .import("armplane.mjcf")?
+            .call_method1("texts", (model,))?;
         let text = |path: &PathBuf| files::text(path, files::LARGEST_WRITTEN);
         let description = description.as_ref().map(text).transpose();
         let source = RobotText {
             name: "mujoco".to_owned(),
             description: description.map_err(refused)?.unwrap_or_default(),
-            urdf: urdf.extract()?,
             ..RobotText::default()
         };
-        Self::new(py, arm::Arm::parse(&source, site.as_deref()))
+        Self::of_mjcf(&texts, source, site.as_deref())
     }
 
     /// A built-in arm by its name (`Arm.names()`), seen at the link `tip` (its own end-effector frame where None).

@@ -4,7 +4,7 @@ use std::hash::{BuildHasher, RandomState};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use model::{Robot, RobotError, RobotText};
+use model::{Robot, RobotError, RobotText, description};
 use shared_types::file::{self, Complaint};
 use shared_types::graph::Graph;
 use shared_types::job::{Job, Mode};
@@ -15,6 +15,7 @@ use sim::scenarios;
 
 use crate::arm_faults;
 use crate::failure::Failure;
+use crate::mujoco;
 use crate::results::SCENARIO;
 use crate::seal;
 
@@ -222,11 +223,15 @@ impl Source {
     /// # Errors
     /// [`Failure::File`] if there is no such robot, or its description is invalid.
     pub fn robot(&self, scenario: &Scenario) -> Result<Robot, Failure> {
-        robot(&scenario.robot, self.folder.as_deref(), scenario.frame()).map_err(|failure| {
-            match failure {
-                Failure::Input(sentence) => self.located(Complaint::new("robot", sentence, "")),
-                other => other,
-            }
+        robot(
+            &scenario.robot,
+            self.folder.as_deref(),
+            scenario.frame(),
+            None,
+        )
+        .map_err(|failure| match failure {
+            Failure::Input(sentence) => self.located(Complaint::new("robot", sentence, "")),
+            other => other,
         })
     }
 
@@ -264,6 +269,9 @@ impl Source {
             arm_faults::check(fault, robot)
                 .map_err(|complaint| located(complaint.within(&format!("fault.{i}"))))?;
         }
+        robot
+            .complete()
+            .map_err(|error| located(Complaint::new("robot", error.to_string(), "")))?;
         let key = match &scenario.start {
             Start { q: Some(_), .. } => "start.q",
             Start { q_deg: Some(_), .. } => "start.q_deg",
@@ -317,11 +325,16 @@ fn instead(path: &Path) -> Option<String> {
 }
 
 /// A robot by built-in name, or a URDF or MJCF with an optional description beside it (`arm.urdf`, `arm.toml`). Of a URDF with several arms, whose description
-/// names none, it is the one that ends in `frame`.
+/// names none, it is the one that ends in `frame`; with `base` the arm from this link on.
 ///
 /// # Errors
 /// [`Failure::Input`] if there is no such robot, or its description is invalid.
-pub fn robot(name: &str, folder: Option<&Path>, frame: Option<&str>) -> Result<Robot, Failure> {
+pub fn robot(
+    name: &str,
+    folder: Option<&Path>,
+    frame: Option<&str>,
+    base: Option<&str>,
+) -> Result<Robot, Failure> {
     if ![URDF, MJCF].iter().any(|ending| name.ends_with(ending)) {
         if folder
             .map_or_else(|| PathBuf::from(name), |folder| folder.join(name))
@@ -341,42 +354,41 @@ pub fn robot(name: &str, folder: Option<&Path>, frame: Option<&str>) -> Result<R
                 &more,
             )));
         }
-        return Robot::builtin(name).map_err(Failure::input);
+        let robot = Robot::builtin(name).map_err(Failure::input)?;
+        return match base {
+            Some(base) => from_base(robot.source, base).map_err(Failure::input),
+            None => Ok(robot),
+        };
     }
     let path = folder.map_or_else(|| PathBuf::from(name), |folder| folder.join(name));
-    let source = files::robot(&path, None).map_err(Failure::Input)?;
-    Robot::from_source_at(&source, frame)
-        .map_err(|error| Failure::Input(format!("{}: {error}", path.display())))
+    let refused = |error: String| Failure::Input(format!("{}: {error}", path.display()));
+    let mut source = files::robot(&path, None).map_err(Failure::Input)?;
+    if name.ends_with(MJCF) {
+        let (urdf, own) = mujoco::compile(&path).map_err(refused)?;
+        source.urdf = urdf;
+        let all = description::merged(&own, &source.description);
+        source.description = all.map_err(|error| refused(error.to_string()))?;
+    }
+    let made = match base {
+        Some(base) => from_base(source, base),
+        None => Robot::from_source_at(&source, frame),
+    };
+    made.map_err(|error| refused(error.to_string()))
 }
 
-/// The same arm from another link of its URDF on: the joints before `base` are no part of it, and what the description says of the whole chain
-/// (factors, length, task axes, postures) does not hold for the rest.
-///
-/// # Errors
-/// [`Failure::Input`] if there is no such link, or no arm hangs on it.
-pub fn on_base(robot: &Robot, base: &str) -> Result<Robot, Failure> {
-    let refused = |error: RobotError| {
-        Failure::Input(format!("{} from the base '{base}' on: {error}", robot.name))
+/// The arm from a link of its URDF on: the joints before `base` are no part of it, and what the description says of the whole chain (factors, length, task
+/// axes, postures) does not hold for the rest.
+fn from_base(mut source: RobotText, base: &str) -> Result<Robot, RobotError> {
+    let Ok(mut description) = source.description.parse::<toml::Table>() else {
+        // It names the line.
+        return Robot::from_source(&source);
     };
-    let mut description: toml::Table = robot.source.description.parse().map_err(Failure::input)?;
     for whole in ["factors", "length_m", "task", "postures"] {
         description.remove(whole);
     }
     description.insert("base_frame".to_owned(), base.into());
-    let with = |description: &toml::Table| {
-        Robot::from_source(&RobotText {
-            description: description.to_string(),
-            ..robot.source.clone()
-        })
-        .map_err(refused)
-    };
-    let mut bare = description.clone();
-    bare.remove("joints");
-    let rest = with(&bare)?;
-    if let Some(toml::Value::Table(joints)) = description.get_mut("joints") {
-        joints.retain(|name, _| rest.joints.iter().any(|joint| joint.name == name));
-    }
-    with(&description)
+    source.description = description.to_string();
+    Robot::from_source(&source)
 }
 
 /// The process graph of a scenario: the user's, or the built-in one, which for a steered run has an operator.

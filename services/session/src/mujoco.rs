@@ -35,6 +35,26 @@ pub(crate) fn take_over(world: &mut Process, scene: Option<&str>) -> Result<(), 
     Ok(())
 }
 
+/// The texts of an arm in MJCF, as MuJoCo compiles it: a URDF and a description, without the one that may lie beside the file.
+///
+/// # Errors
+/// The reason why MuJoCo is missing, or refuses the file.
+pub(crate) fn compile(file: &Path) -> Result<(String, String), String> {
+    #[derive(serde::Deserialize)]
+    struct Texts {
+        urdf: String,
+        description: String,
+    }
+    let arguments = ["--json".to_owned(), file.display().to_string()];
+    let words = Python::command("armplane.mjcf", arguments);
+    let mut command = std::process::Command::new(&words[0]);
+    command.args(&words[1..]);
+    let answer = Python::ask(command, &json!({}), "mujoco", LONGEST)?;
+    let texts: Texts =
+        serde_json::from_slice(&answer).map_err(|error| format!("MuJoCo's answer: {error}"))?;
+    Ok((texts.urdf, texts.description))
+}
+
 /// Asks MuJoCo, the process `name` of the graph, whether it can simulate the arm.
 ///
 /// # Errors
@@ -56,5 +76,5 @@ fn answer(loaded: &Loaded, name: &str) -> Result<(), String> {
     let question = json!({"scenario": scenario, "robot": robot.source, "arm": arm});
     let command = load::command(&loaded.graph, name);
     let command = command.ok_or("there is no program")?;
-    Python::ask(command, &question, "mujoco", LONGEST)
+    Python::ask(command, &question, "mujoco", LONGEST).map(drop)
 }

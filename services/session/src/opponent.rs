@@ -60,6 +60,7 @@ impl Controller {
         };
         let limit = Duration::from_secs(self.join_limit_s.into());
         Python::ask(command, &json!({}), "'armplane[arena]'", limit)
+            .map(drop)
             .map_err(|reason| Failure::Input(format!("{}: {reason}", self.file.display())))
     }
 }

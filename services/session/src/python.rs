@@ -88,7 +88,7 @@ impl Python {
             .collect()
     }
 
-    /// Lets a program load its packages and exit, within `limit`. If it refuses, its last line is the reason.
+    /// Lets a program load its packages, answer on standard output and exit, within `limit`. If it refuses, its last line is the reason.
     /// `packages` are those to install with Python.
     ///
     /// # Errors
@@ -98,10 +98,10 @@ impl Python {
         question: &Value,
         packages: &str,
         limit: Duration,
-    ) -> Result<(), String> {
+    ) -> Result<Vec<u8>, String> {
         let missing = |error: String| format!("{MISSING} {packages} ({error})");
         let failed = |error: std::io::Error| missing(format!("python3: {error}"));
-        command.stdin(Stdio::piped()).stdout(Stdio::null());
+        command.stdin(Stdio::piped()).stdout(Stdio::piped());
         let mut child = command.stderr(Stdio::piped()).spawn().map_err(failed)?;
         // Threads of their own: a full pipe holds up neither side, and what a descendant holds open nobody waits for.
         if let Some(mut stdin) = child.stdin.take() {
@@ -109,6 +109,7 @@ impl Python {
             // A program that ends before it has read everything says why.
             thread::spawn(move || stdin.write_all(question.as_bytes()));
         }
+        let answer = child.stdout.take().map(beginning);
         let said = child.stderr.take().map(last_words);
         let status = ended(&mut child, limit).map_err(failed)?;
         let Some(status) = status else {
@@ -121,7 +122,10 @@ impl Python {
         let errors = String::from_utf8_lossy(said.as_deref().unwrap_or_default()).into_owned();
         let last = errors.lines().rfind(|line| !line.trim().is_empty());
         match last.unwrap_or("the program ended without a word") {
-            _ if status.success() => Ok(()),
+            _ if status.success() => {
+                let answer = answer.and_then(|answer| answer.recv_timeout(PATIENCE).ok());
+                Ok(answer.unwrap_or_default())
+            }
             line if status.code() == Some(NOT_FOUND) => Err(missing(line.to_owned())),
             line if line.contains("No module named 'armplane'") => Err(LACK.to_owned()),
             line => Err(line.to_owned()),
@@ -133,6 +137,26 @@ impl Python {
 const PATIENCE: Duration = Duration::from_secs(1);
 /// Bytes of them that are kept.
 const KEPT: usize = 64 << 10;
+
+/// The longest answer; bytes.
+const ANSWER: u64 = 64 << 20;
+
+/// The beginning of all that a program writes, as soon as it is closed.
+fn beginning(mut from: impl Read + Send + 'static) -> Receiver<Vec<u8>> {
+    let (send, receive) = mpsc::channel();
+    thread::spawn(move || {
+        let mut kept = Vec::new();
+        let read = from.by_ref().take(ANSWER).read_to_end(&mut kept);
+        // What is left would stop the program.
+        let left = std::io::copy(&mut from, &mut std::io::sink());
+        send.send(if read.and(left).is_ok() {
+            kept
+        } else {
+            Vec::new()
+        })
+    });
+    receive
+}
 
 /// The end of all that a program writes, as soon as it is closed.
 fn last_words(mut from: impl Read + Send + 'static) -> Receiver<Vec<u8>> {
@@ -170,7 +194,7 @@ fn ended(child: &mut Child, limit: Duration) -> std::io::Result<Option<ExitStatu
 mod tests {
     use super::*;
 
-    fn asked(script: &str, limit_ms: u64) -> Result<(), String> {
+    fn asked(script: &str, limit_ms: u64) -> Result<Vec<u8>, String> {
         let mut command = Command::new("sh");
         command.args(["-c", script]);
         let question = Value::from("x".repeat(1 << 20));
@@ -179,7 +203,10 @@ mod tests {
 
     #[test]
     fn a_program_that_floods_or_hangs_is_neither_waited_for_nor_kept() {
-        assert_eq!(asked("cat > /dev/null", 60_000), Ok(()));
+        assert_eq!(
+            asked("cat > /dev/null; echo yes", 60_000),
+            Ok(b"yes\n".to_vec())
+        );
         let flood = "head -c 8000000 /dev/zero | tr '\\0' x >&2; echo >&2; echo last >&2; exit 1";
         assert_eq!(asked(flood, 60_000), Err("last".to_owned()));
         assert!(asked("exec sleep 60", 200).is_err());

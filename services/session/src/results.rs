@@ -32,15 +32,14 @@ const TARGETS: &str = "targets.csv";
 /// The beginning of the name of a segment's table.
 const TABLE: &str = "segment-";
 pub(crate) const ROBOT_URDF: &str = "robot.urdf";
-const ROBOT_MJCF: &str = "robot.xml";
 const ROBOT_TOML: &str = "robot.toml";
 /// The targets of a live session in lockstep while it lasts.
 pub const GIVEN_TARGETS: &str = "targets.csv.tmp";
 /// Made and removed to see whether the results folder can be written to.
 const PROBE: &str = ".armplane";
 /// The files that [`keep`] writes.
-const KEPT: [&str; 8] = [
-    SUMMARY, JOB, SCENARIO, GRAPH, ROBOT_URDF, ROBOT_MJCF, ROBOT_TOML, TARGETS,
+const KEPT: [&str; 7] = [
+    SUMMARY, JOB, SCENARIO, GRAPH, ROBOT_URDF, ROBOT_TOML, TARGETS,
 ];
 /// The files that `view`, `report`, `export` and a drill leave beside a run, but for its layouts.
 const MADE_OF_IT: [&str; 7] = [
@@ -441,12 +440,12 @@ fn repeated(job: &Job, summary: &Summary) -> Result<Vec<(String, Vec<u8>)>, Fail
         fault,
         ..job.scenario.clone()
     };
-    let named = [(load::URDF, ROBOT_URDF), (load::MJCF, ROBOT_MJCF)]
-        .into_iter()
-        .find(|(ending, _)| scenario.robot.ends_with(ending));
-    if let Some((_, name)) = named {
-        name.clone_into(&mut scenario.robot);
-        files.push((name.to_owned(), job.robot.urdf.clone().into_bytes()));
+    let is_file = [load::URDF, load::MJCF]
+        .iter()
+        .any(|ending| scenario.robot.ends_with(ending));
+    if is_file {
+        ROBOT_URDF.clone_into(&mut scenario.robot);
+        files.push((ROBOT_URDF.to_owned(), job.robot.urdf.clone().into_bytes()));
         let text = description(&job.robot)?;
         if !text.is_empty() {
             files.push((ROBOT_TOML.to_owned(), text.into_bytes()));

@@ -46,7 +46,7 @@ pub struct Steering {
 }
 
 /// Default start postures of a session; the first one that the robot's description has is used.
-const STARTS: [&str; 3] = ["nominal", "bent", "ready"];
+const STARTS: [&str; 4] = ["home", "nominal", "bent", "ready"];
 
 /// Duration of a session without a stated end, s.
 const OPEN_S: f64 = 3600.0;
@@ -120,7 +120,7 @@ impl Steering {
 
     /// A scenario for a robot.
     fn source(&self) -> Result<Source, Failure> {
-        let robot = load::robot(&self.subject, None, None)?;
+        let robot = load::robot(&self.subject, None, None, None)?;
         let start = match &self.start {
             Some(text) if text.starts_with(|c: char| c.is_ascii_digit() || "-+.".contains(c)) => {
                 let number = |part: &str| {

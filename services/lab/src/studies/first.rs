@@ -41,7 +41,8 @@ pub fn begin(name: &Path, robot: &str) -> Result<PathBuf, Failure> {
     if path.symlink_metadata().is_ok() {
         return Err(taken());
     }
-    let arm = load::robot(robot, None, None)?;
+    let arm = load::robot(robot, None, None, None)?;
+    arm.complete().map_err(Failure::input)?;
     let text = text(&path, robot, &arm)?;
     // Another shell may have made it meanwhile.
     files::write_new(&path, text).map_err(|error| match error.kind() {
@@ -116,7 +117,7 @@ fn starts(arm: &Robot) -> Vec<String> {
     // A posture in the middle of all ranges is often singular, which takes long to find.
     let named = arm.postures.keys().filter(|name| *name != "middle");
     let mut named: Vec<_> = named.collect();
-    named.sort_by_key(|name| !["nominal", "bent", "ready"].contains(&name.as_str()));
+    named.sort_by_key(|name| !["home", "nominal", "bent", "ready"].contains(&name.as_str()));
     let bent = arm.middle().into_iter().zip(&arm.joints);
     let bent: Vec<_> = bent
         .map(|(q, joint)| (q + 0.4).min(0.5 * (q + joint.upper)))

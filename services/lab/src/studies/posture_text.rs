@@ -38,7 +38,7 @@ impl fmt::Display for PostureText<'_> {
         writeln!(f, "{}", self.singularities())?;
         writeln!(
             f,
-            "Motion of the joints that leaves the hand still at first then moves it along ζ by κ₁, and turns ζ by κ₂."
+            "κ₁: how far null-space motion moves the hand along ζ; κ₂: how far it turns ζ."
         )?;
         let mut notes = robot.notes.iter();
         notes.try_for_each(|note| writeln!(f, "note: {note}"))

@@ -3,7 +3,6 @@
 use crate::{Model, Robot};
 use nalgebra::{SMatrix, SVector};
 use serde_json::Value;
-use shared_types::job::RobotText;
 use std::collections::BTreeMap;
 
 /// Every quantity agrees to this, relative to the largest element of its kind over all states (or to 1).
@@ -78,39 +77,4 @@ fn the_puma_and_the_planar_arm_agree_with_pinocchio() {
     check::<6>("puma560", puma);
     let planar = include_str!("../../../../tests/golden/reference_planar3.json");
     check::<3>("planar3r", planar);
-}
-
-/// Every way of MJCF to state a pose, a mass, a limit or a default, in one arm.
-#[test]
-fn an_arm_in_mjcf_agrees_with_mujoco() {
-    let robot = Robot::from_source(&RobotText {
-        name: "odd".to_owned(),
-        urdf: include_str!("../../../../tests/golden/odd.xml").to_owned(),
-        ..RobotText::default()
-    })
-    .unwrap();
-    let limits = robot.joints.iter().map(|joint| joint.effort);
-    assert_eq!(limits.collect::<Vec<_>>(), [24.0, 8.0, 18.0, 90.0, 3.0]);
-    let model = Model::<5>::new(&robot, None).unwrap();
-    let data: Value =
-        serde_json::from_str(include_str!("../../../../tests/golden/odd.json")).unwrap();
-    for s in data["states"].as_array().unwrap() {
-        let [q, qdot] = ["q", "qdot"].map(|key| SVector::from_vec(numbers(&s[key])));
-        let t = model.evaluate(&q, &qdot);
-        for (key, ours) in [
-            ("p", rows(t.X_BE.p)),
-            ("R", rows(t.X_BE.R)),
-            ("J", rows(t.J)),
-            ("M", rows(t.A)),
-            ("nle", rows(t.bias())),
-        ] {
-            let theirs = numbers(&s[key]);
-            assert_eq!(ours.len(), theirs.len(), "{key}");
-            let agree = |(ours, theirs): (&f64, &f64)| (ours - theirs).abs() <= 1e-12;
-            assert!(
-                ours.iter().zip(&theirs).all(agree),
-                "{key}: {ours:?}, {theirs:?}"
-            );
-        }
-    }
 }

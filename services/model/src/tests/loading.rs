@@ -245,7 +245,7 @@ fn inertia_without_mass_counts_or_is_refused() {
     assert_eq!((body.mass, body.com), (1.0, Vector3::zeros()));
     assert!((body.inertia - Matrix3::from_diagonal(&vector![1.1, 1.2, 1.25])).amax() < 1e-15);
     let alone = robot("base", &[turning("base-hand"), hand.to_owned()]);
-    assert_refused! { alone, "" => Defect::NoInertia { link, .. } if link == "hand", }
+    assert!(load(&alone, "").unwrap().complete().is_err());
 }
 
 /// Visual geometry keeps its colour; a mesh is named, and the shape that collides stands in for it.
@@ -314,7 +314,8 @@ fn impossible_urdfs_are_refused() {
         "not xml", "" => Defect::Urdf(_),
         robot("base", &[]), "" => Defect::NoMovableJoint { .. },
         long, "" => Defect::TooManyJoints(9),
-        pendulum(r#"<link name="a"/>"#, LIMIT), "" => Defect::NoInertia { link, .. } if link == "a",
+        pendulum(&shaped("a", ""), &LIMIT.replace("-1", "${-pi}")), "" => Defect::Urdf(reason) if reason.contains("line 1: <limit> of joint 'base-a'"),
+        "<?xml version=\"1.0\"?><!-- an arm --><mujoco/>", "" => Defect::Mjcf,
         a("1", ["1", "1", "-1"]), "" => Defect::Inertia { moments: [-1.0, 1.0, 1.0], .. },
         a("1", ["1", "1", "0"]), "" => Defect::Inertia { .. },
         a("-1", ["1", "1", "1"]), "" => Defect::Inertia { mass: -1.0, .. },
@@ -345,10 +346,8 @@ fn values_that_cannot_be_are_named() {
         )
     };
     for (limit, what, number) in [
-        (String::new(), "range", "0 to 0"),
         (limits("1", "-1", "1", "1"), "range", "1 to -1"),
         (limits("nan", "1", "1", "1"), "range", "NaN to 1"),
-        (limits("-1", "1", "0", "1"), "effort", "0"),
         (limits("-1", "1", "1", "-2"), "velocity", "-2"),
     ] {
         let expected = (format!("joint 'base-a' has {what}"), number.to_owned());
@@ -393,6 +392,53 @@ fn values_that_cannot_be_are_named() {
         pendulum, "[joints.elbow]\narmature = 1" => Defect::UnknownJoint { known, .. } if known == "'base-a'",
         pendulum, "[postures]\nhome = [3.0]" => Defect::Posture { reason: PostureError::OutsideLimits { .. }, .. },
     }
+}
+
+/// Kinematics needs neither masses nor limits; motion needs all of them, and is told so at once.
+#[test]
+fn gaps_are_told_together_and_kinematics_does_without() {
+    let arm = robot(
+        "base",
+        &[
+            r#"<link name="a"/><link name="b"/>"#.to_owned(),
+            joint("revolute", "base", "a", ""),
+            joint("revolute", "a", "b", &LIMIT.replace("10", "0")),
+        ],
+    );
+    let found = load(&arm, "").unwrap();
+    let RobotError::Defect {
+        defect: Defect::Gaps(gaps),
+        ..
+    } = found.complete().unwrap_err()
+    else {
+        panic!("no gaps");
+    };
+    for gap in [
+        "'a', 'b'",
+        "[joints.\"base-a\"]\n  lower",
+        "[joints.\"a-b\"]\n  effort",
+    ] {
+        assert!(gaps.contains(gap), "{gap}: {gaps}");
+    }
+    let terms = Model::<2>::new(&found, None)
+        .unwrap()
+        .evaluate(&vector![0.1, 0.2], &vector![0.0, 0.0]);
+    assert!(terms.J.iter().all(|x| x.is_finite()) && terms.A.iter().any(|x| x.is_nan()));
+    let given = "[joints.base-a]\nlower = -1\nupper = 1\neffort = 1\nvelocity = 1\n[joints.a-b]\neffort = 2";
+    let bodies = arm.replace(
+        "<link name=\"a\"/><link name=\"b\"/>",
+        &(shaped("a", "") + &shaped("b", "")),
+    );
+    assert!(load(&bodies, given).unwrap().complete().is_ok());
+}
+
+/// A key of MJCF has all joints of its file: a posture takes those of the chain, unless they break a limit.
+#[test]
+fn postures_by_joint_are_those_of_the_chain() {
+    let keys = "[postures.home]\nbase-a = 0.5\na-b = -0.5\nb-c = 0\nfinger = 9\n[postures.far]\nbase-a = 5\na-b = 0\nb-c = 0";
+    let arm = load(&row(), keys).unwrap();
+    assert_eq!(arm.postures["home"], [0.5, -0.5, 0.0]);
+    assert!(arm.postures.len() == 1 && arm.notes.iter().any(|note| note.contains("'far'")));
 }
 
 /// A factorisation that the geometry does not have is refused.

@@ -52,7 +52,8 @@ impl Lines<'_> {
         let Some(robot) = self.robot else {
             return self.near();
         };
-        let arm = load::robot(robot, None, None)?;
+        let arm = load::robot(robot, None, None, None)?;
+        arm.complete().map_err(Failure::input)?;
         let mut template = bare(SWEEP, robot, self.settings)?;
         if let Ok(path) = Path::new(robot).canonicalize() {
             // The lines' scenarios lie elsewhere.
