@@ -1,16 +1,19 @@
 """The page `armplane play` in headless Chromium, dragged with a real mouse; what it leaves when it, its tab or a process of the run is killed."""
 
+import asyncio
 import contextlib
 import importlib.util
 import json
 import os
 import pathlib
+import queue
 import re
 import signal
 import socket
 import subprocess
 import sys
 import time
+import types
 import urllib.error
 import urllib.request
 
@@ -432,6 +435,42 @@ def test_the_door_is_shut_for_strangers():
     assert refusal(Request(Host="10.0.0.2:8080"), "secret") and refusal(Request("/?token=wrong", Host="10.0.0.2:8080"), "secret")
     assert refusal(Request("/?token=secret", Host="10.0.0.2:8080"), "secret") is None
     assert refusal(Request(Host="10.0.0.2:8080", Cookie="a=b; armplane-play=secret"), "secret") is None
+
+
+@needs_viser
+def test_a_browser_changes_only_what_is_offered_and_only_while_it_steers():
+    """viser takes any value from any browser: it is put back where the page does not offer it, or the browser may not."""
+    from armplane.play.page import Page
+
+    steers, watches, has_no_camera = 1, 2, 3
+    page, given, faults = object.__new__(Page), [], []
+    page.actions, page.kept, page.driver, page.refused, page.touched = queue.Queue(), {}, None, 0, time.monotonic()
+    page.server = types.SimpleNamespace(get_clients=lambda: {steers: None, watches: None})
+    page.hand = types.SimpleNamespace(mode="hold")
+    page.session, page.postures = types.SimpleNamespace(fault=lambda *words: faults.append(words) or "done"), {}
+    page.story = given
+    control = types.SimpleNamespace(value=0.3, on_update=lambda call: setattr(control, "call", call))
+    page._keep("speed", control, lambda value: 0.05 <= value <= 0.5)
+
+    def set_by(client, value):
+        control.value = value
+        asyncio.run(control.call(types.SimpleNamespace(client_id=client)))
+        while not page.actions.empty():
+            page.actions.get()()
+        assert control.value == page.kept["speed"]
+        return control.value
+
+    # Nobody steers yet: a value that is none gives nobody the hand, nor does a browser without a picture get it.
+    assert [set_by(watches, value) for value in (5000.0, -1.0, float("nan"))] == [0.3] * 3
+    assert (set_by(has_no_camera, 0.1), page.driver, page.refused) == (0.3, None, 1)
+    assert (set_by(steers, 0.2), page.driver) == (0.2, steers)
+    assert (set_by(watches, 0.4), set_by(has_no_camera, 0.4), page.driver, page.refused) == (0.2, 0.2, steers, 3)
+    page._inject("x"), page._go_near("x"), page._turn(0, float("nan"))
+    assert not faults
+    page._inject("noise")
+    for _ in range(100):
+        time.sleep(0.01 if not faults else 0)
+    assert faults[0][0] == "plant"
 
 
 def test_without_viser_a_sentence_says_what_to_install(monkeypatch, capsys):

@@ -30,6 +30,8 @@ PATIENCE_S = 4.0
 FULL_S = 120
 # Whoever steers may pause so long, s.
 KEEPS_S = 10
+# Ends of the slider, m/s; and no hand is dragged further, m.
+SPEEDS, FARTHEST_M = (0.05, 0.5), 100.0
 # Simulated by real time: a smaller share is told.
 SLOW = 0.9
 FAULTS = {
@@ -60,7 +62,7 @@ class Page:
         self.driver, self.touched, self.refused, self.notices = None, time.monotonic(), 0, {}
         self.subject, self.settings, self.law, self.home = given.subject, [], None, None
         self.session, self.ghost, self.hand, self.scene = None, None, None, None
-        self.failures, self.ended, self.said = 0, [], time.monotonic()
+        self.failures, self.ended, self.said, self.kept = 0, [], time.monotonic(), {}
         # viser prints a box with addresses, without the token.
         with door.guarded(token), contextlib.redirect_stdout(io.StringIO()):
             where = {"host": given.host, "port": given.port, "label": "armplane play"}
@@ -81,8 +83,8 @@ class Page:
         gui.add_html(panel.STYLE)
         self.html = gui.add_html("")
         with gui.add_folder("Go to") as self.places:
-            self.speed = gui.add_slider("speed, m/s", 0.05, 0.5, 0.05, 0.3)
-            self.tours = gui.add_checkbox("tour when idle", True)
+            speed = gui.add_slider("speed, m/s", *SPEEDS, 0.05, 0.3)
+            tours = gui.add_checkbox("tour when idle", True)
         with gui.add_folder("Arm and law"):
             arms = [name for name in Arm.names() if not name.startswith("planar")]
             self.arms = gui.add_dropdown("arm", arms)
@@ -94,13 +96,14 @@ class Page:
         self.joints = gui.add_folder("Joints", expand_by_default=False)
         # Those of one arm: its buttons and sliders.
         self.own, self.sliders = [], []
-        self._on(self.arms.on_update, lambda event: self._change_arm(event.target.value))
-        self._on(self.laws.on_update, lambda event: self._change_law(event.target.value))
-        self._on(self.rivals.on_update, lambda _: self._race(self._posture()))
+        among = lambda control: lambda value: value in control.options
+        self._keep("arm", self.arms, among(self.arms), self._change_arm)
+        self._keep("law", self.laws, among(self.laws), self._change_law)
+        self._keep("rival", self.rivals, among(self.rivals), lambda _: self._race(self._posture()))
+        self._keep("speed", speed, lambda value: SPEEDS[0] <= value <= SPEEDS[1])
+        self._keep("tours", tours, lambda value: True)
         self._on(faults.on_click, lambda event: self._inject(event.target.value))
         self._on(save.on_click, lambda _: self._save())
-        for control in (self.speed, self.tours):
-            self._on(control.on_update, lambda _: None)
 
     def _on(self, attach, action):
         """Queues what the person who steers does, and counts what others try."""
@@ -111,6 +114,23 @@ class Page:
                 self.actions.put(lambda: self._may(event.client_id) and action(event))
 
         attach(call)
+
+    def _keep(self, name, control, is_offered, action=lambda _: None):
+        """A control's value, in `self.kept`, by whoever steers. viser takes any from every browser, and shows it to all: others are put back."""
+        self.kept[name] = control.value
+
+        def take(client, value):
+            if is_offered(value) and self._may(client):
+                self.kept[name] = value
+                action(value)
+            else:
+                control.value = self.kept[name]
+
+        async def call(event):
+            if event.client_id is not None:
+                self.actions.put(lambda value=control.value: take(event.client_id, value))
+
+        control.on_update(call)
 
     def _greet(self, client):
         if self.scene:
@@ -124,9 +144,11 @@ class Page:
         return is_here and (recently or self.hand is not None and self.hand.mode == "hand")
 
     def _may(self, client):
-        if not self._is_taken():
+        # A browser is there from its first camera on: of one before that nobody would know that it steers.
+        is_here = client in self.server.get_clients()
+        if is_here and not self._is_taken():
             self.driver = client
-        if self.driver != client:
+        if not is_here or self.driver != client:
             self.refused += 1
             return False
         self._touch()
@@ -161,7 +183,7 @@ class Page:
         self.postures, gui = found, self.server.gui
         with self.places:
             buttons = gui.add_button_group("near", tuple(found), order=0.0)
-        self._on(buttons.on_click, lambda event: self.hand.go(found[event.target.value]))
+        self._on(buttons.on_click, lambda event: self._go_near(event.target.value))
         with self.joints:
             for i, (low, high) in enumerate(np.degrees([robot.lower, robot.upper]).T):
                 ends = float(np.floor(low)), float(np.ceil(high))
@@ -170,7 +192,13 @@ class Page:
                 self.sliders.append(slider)
         self.own = [buttons, *self.sliders]
 
+    def _go_near(self, name):
+        if name in self.postures:
+            self.hand.go(self.postures[name])
+
     def _turn(self, joint, degrees):
+        if not np.isfinite(degrees):
+            return
         q = self._posture()
         q[joint] = np.radians(degrees)
         self.hand.go(q)
@@ -184,7 +212,11 @@ class Page:
 
     def _on_target(self, event):
         target = self.scene.target
-        self.hand.drag(target.position.copy(), target.wxyz.copy(), event.phase)
+        position, wxyz = target.position.copy(), target.wxyz.copy()
+        # Any other numbers would stay in the hand.
+        is_pose = np.isfinite(position).all() and abs(np.linalg.norm(wxyz) - 1.0) < 1e-3
+        if is_pose and np.abs(position).max() < FARTHEST_M:
+            self.hand.drag(position, wxyz, event.phase)
 
     # Runs.
 
@@ -197,7 +229,7 @@ class Page:
 
     def _race(self, start):
         self._end(self.ghost)
-        law, self.ghost = self.rivals.value, None
+        law, self.ghost = self.kept["rival"], None
         if self.scene:
             self.scene.remove_ghost()
         if law != NOBODY:
@@ -228,6 +260,8 @@ class Page:
         self._begin(self._posture(), _next_folder(f"play-{self.session.robot.name}"))
 
     def _inject(self, name):
+        if name not in FAULTS:
+            return
         fault, words = self.session.fault, FAULTS[name].split()
         threading.Thread(target=lambda: self.story.append(fault(*words)), daemon=True).start()
 
@@ -242,7 +276,7 @@ class Page:
             ghost.listener.join(1.0)
             last = " ".join([*ghost.lines][-2:])
             self.story.append(f"The ghost's run has ended: {last}")
-            self.rivals.value = NOBODY
+            self.rivals.value = self.kept["rival"] = NOBODY
             self._race(None)
         if has_ended:
             is_short = time.monotonic() - session.began < 10
@@ -292,7 +326,7 @@ class Page:
         """The target of this moment, for the arm and its ghost."""
         if self.hand:
             now = time.monotonic()
-            line = self.hand.line(min(now - self.said, 0.1), self.speed.value)
+            line = self.hand.line(min(now - self.said, 0.1), self.kept["speed"])
             self.said = now
             for one in filter(None, (self.session, self.ghost)):
                 one.say(line)
@@ -303,7 +337,7 @@ class Page:
             if time.monotonic() - session.began > FULL_S:
                 self.story.append("Two minutes are recorded: a new run begins.")
                 return self._begin(self._posture())
-            if clients and self.tours.value and len(self.postures) > 1:
+            if clients and self.kept["tours"] and len(self.postures) > 1:
                 hand.start_tour(self.postures)
         is_left = {"hand": self.driver not in clients, "tour": not clients}
         if is_left.get(hand.mode):
@@ -350,7 +384,8 @@ class Page:
         self.scene = Scene(self.server, robot, floor, session.q)
         if robot.name not in self.arms.options:
             self.arms.options = (*self.arms.options, robot.name)
-        self.arms.value, self.laws.value = robot.name, scenario["control"]["strategy"]
+        self.kept |= {"arm": robot.name, "law": scenario["control"]["strategy"]}
+        self.arms.value, self.laws.value = self.kept["arm"], self.kept["law"]
         self._on(self.scene.target.on_update, self._on_target)
         self._on(self.scene.grip.on_drag("left"), self._on_grip)
         if self.subject not in Arm.names():
