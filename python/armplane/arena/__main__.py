@@ -478,7 +478,10 @@ def save(folder, rows, digest, command):
         return
     names = sorted({name for row in rows for name in row} - {"key"})
     table = pyarrow.table({name: [row.get(name) for row in rows] for name in names})
-    parquet.write_table(table.replace_schema_metadata({"hash": digest, "command": command}), folder / "arena.parquet")
+    # A signal leaves the file whole, or none.
+    draft = folder / "arena.parquet.draft"
+    parquet.write_table(table.replace_schema_metadata({"hash": digest, "command": command}), draft)
+    draft.replace(folder / "arena.parquet")
 
 
 def positive(text):
