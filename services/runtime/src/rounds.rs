@@ -51,7 +51,8 @@ impl Rounds {
         if !is_awaited.get() && !shared.is_stopping() {
             let doorbell = shared.entry().doorbell();
             let seen = doorbell.rings();
-            doorbell.arm(ANYTHING);
+            // Not for the progress of others: whoever sleeps for that is awaiting this process, which then goes on without a sleep.
+            doorbell.arm(ANYTHING & !PROGRESS);
             if !shared.is_stopping() {
                 let most = shared
                     .recorder_lag
