@@ -24,7 +24,7 @@ pub(crate) struct RunArgs {
     #[arg(
         long,
         value_name = "RUN@TICK",
-        conflicts_with_all = ["scenario", "mode", "plant", "seed", "graph", "no_record"]
+        conflicts_with_all = ["scenario", "mode", "plant", "ros2", "seed", "graph", "no_record"]
     )]
     from: Option<Place>,
     /// Pace of the run [default: lockstep; realtime on a robot].
@@ -48,6 +48,9 @@ pub(crate) struct RunArgs {
     /// Show the run live in the Rerun viewer; the run does not wait for it.
     #[arg(long, conflicts_with = "no_record")]
     live: bool,
+    /// Show the run on topics of ROS 2 (docs/ros2.md); options: rate=HZ, units, clock, network.
+    #[arg(long, value_name = "OPTION,…", num_args = 0..=1, require_equals = true, default_missing_value = "")]
+    ros2: Option<String>,
     /// Replace a process that makes no progress for this long [default: 2 in real time, none in lockstep].
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
     silence_limit: Option<Duration>,
@@ -92,6 +95,7 @@ pub(crate) fn run(args: &RunArgs, form: Form) -> Result<ExitCode, Failure> {
         seed: args.seed,
         graph: args.graph.clone(),
         plant: args.plant.clone(),
+        ros2: args.ros2.clone(),
         mode: args
             .mode
             .map_or_else(|| session::mode_of(args.plant.as_deref()), Mode::from),

@@ -28,7 +28,7 @@ pub(crate) struct ServoArgs {
     #[arg(long, value_name = "SEED")]
     random: Option<u64>,
     /// Judge random twists with N seeds per robot, and print a table; no run is kept. Needs the Python package.
-    #[arg(long, value_name = "N", conflicts_with_all = ["from", "random", "out", "start", "graph", "live"], value_parser = clap::value_parser!(u64).range(1..=1000))]
+    #[arg(long, value_name = "N", conflicts_with_all = ["from", "random", "out", "start", "graph", "live", "ros2"], value_parser = clap::value_parser!(u64).range(1..=1000))]
     seeds: Option<u64>,
     /// Start posture: a name, or joint positions in degrees [default: nominal, bent or ready].
     #[arg(long, value_name = "NAME|DEG,DEG,…", allow_hyphen_values = true)]
@@ -54,6 +54,9 @@ pub(crate) struct ServoArgs {
     /// Show the run live in the Rerun viewer.
     #[arg(long)]
     live: bool,
+    /// Show the run on topics of ROS 2 (docs/ros2.md), and by default steer it there; options: rate=HZ, units, clock, network.
+    #[arg(long, value_name = "OPTION,…", num_args = 0..=1, require_equals = true, default_missing_value = "")]
+    ros2: Option<String>,
 }
 
 /// The session of `armplane servo` without arguments.
@@ -96,6 +99,7 @@ pub(crate) fn servo(args: &ServoArgs, form: Form) -> Result<ExitCode, Failure> {
     }
     let request = Request {
         plant: args.plant.clone(),
+        ros2: args.ros2.clone(),
         scenario: subject.clone(),
         settings: Vec::new(),
         from: None,
@@ -141,6 +145,7 @@ pub(crate) fn servo(args: &ServoArgs, form: Form) -> Result<ExitCode, Failure> {
 fn targets(args: &ServoArgs) -> Targets {
     match (args.from.as_deref(), args.random) {
         (_, Some(seed)) => Targets::Text(steered::twists(seed, args.duration.unwrap_or(RANDOM_S))),
+        (None, None) if args.ros2.is_some() => Targets::Live,
         (None, None) => Targets::Scenario,
         (Some("topic"), _) => Targets::Process,
         (Some(KEYBOARD | LINES), _) => Targets::Live,

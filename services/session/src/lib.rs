@@ -33,6 +33,7 @@ mod recover;
 mod report;
 mod results;
 mod robot;
+mod ros2;
 mod runs;
 mod seal;
 mod session;

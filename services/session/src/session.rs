@@ -21,6 +21,7 @@ use crate::plan::plan;
 use crate::progress::{Observer, Progress};
 use crate::results::Results;
 use crate::robot;
+use crate::ros2;
 use crate::summary::summarise;
 use crate::viewer::Live;
 
@@ -37,6 +38,8 @@ pub struct Request {
     pub graph: Option<PathBuf>,
     /// The plant in place of the simulated arm, `mujoco`, `mujoco:SCENE.xml` or the address of a robot; the graph's where it is `None`.
     pub plant: Option<String>,
+    /// Options of the face for ROS 2; `None` without one.
+    pub ros2: Option<String>,
     /// The tick of a run from which it goes on, in place of a scenario.
     pub from: Option<Place>,
     /// Lockstep or real time.
@@ -106,6 +109,9 @@ fn run_from(
 ) -> Result<Finished, Failure> {
     if let Some(plant) = &request.plant {
         robot::put_in(&mut loaded, plant)?;
+    }
+    if let Some(options) = &request.ros2 {
+        ros2::add(&mut loaded, options)?;
     }
     let Loaded {
         scenario,

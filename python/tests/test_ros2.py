@@ -1,0 +1,388 @@
+"""`--ros2`: a participant in another process, with cyclonedds alone, steers a UR5 and hears of it; what a killed side leaves."""
+
+import contextlib
+import glob
+import importlib.util
+import json
+import os
+import pathlib
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import armplane
+import numpy as np
+import pytest
+from armplane.results import _program
+from armplane.ros2.door import DEFINED
+from armplane.ros2.servo import Frames, quaternion
+from armplane.rotation import rotation_exp, rotation_log, rotation_of
+
+HERE = pathlib.Path(__file__).parent
+MISSING = [name for name in ("cyclonedds", "rosbags") if importlib.util.find_spec(name) is None]
+pytestmark = pytest.mark.skipif(bool(MISSING), reason=f"missing in Python: {MISSING}: pip install 'armplane[ros2]' rosbags")
+MESSAGES = next((path for folder in HERE.parents if (path := folder / "examples" / "ros2" / "armplane_msgs" / "msg").exists()), None)
+JOINTS = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"]
+NEAR_LOCK = np.array([0.3, -1.2, 1.4, -0.6, 0.15, 0.2])
+TWIST, POSE, JOG, PATH = "servo_node/delta_twist_cmds", "servo_node/pose_target_cmds", "servo_node/delta_joint_cmds", "joint_trajectory"
+TYPES = {
+    "joint_states": "sensor_msgs/msg/JointState",
+    "tf": "tf2_msgs/msg/TFMessage",
+    "robot_description": "std_msgs/msg/String",
+    "diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+    "clock": "rosgraph_msgs/msg/Clock",
+    "armplane/singularity": "armplane_msgs/msg/Singularities",
+    "servo_node/status": "moveit_msgs/msg/ServoStatus",
+}
+
+
+@pytest.fixture(scope="session")
+def store():
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    found = get_typestore(Stores.ROS2_JAZZY)
+    for path in MESSAGES.glob("*.msg"):
+        found.register(get_types_from_msg(path.read_text(), f"armplane_msgs/msg/{path.stem}"))
+    # Of MoveIt, as its repository has it.
+    found.register(get_types_from_msg("int8 code\nstring message", "moveit_msgs/msg/ServoStatus"))
+    return found
+
+
+def test_our_messages_are_those_of_the_package_to_copy(store):
+    for name, fields in DEFINED.items():
+        if full := store.fielddefs.get(name.replace("/", "/msg/")):
+            assert [field.split(" ")[1] for field in fields.split(", ")] == [field for field, _ in full[1]], name
+
+
+def test_frames_are_those_of_the_urdf(tmp_path):
+    """Against a hand-written chain: a base above the root, a tool beyond the end-effector, a camera on a moving link."""
+    from armplane.play.robot import Robot
+
+    link = lambda name, parent, xyz, rpy: (f'<link name="{name}"/><joint name="to_{name}" type="fixed"><parent link="{parent}"/><child link="{name}"/>'
+                                           f'<origin xyz="{xyz}" rpy="{rpy}"/></joint>')
+    more = link("camera", "forearm_link", "0.1 0.2 0.3", "0.4 0.5 0.6") + link("pen", "tool0", "0 0 0.1", "0 0.3 0")
+    job = _job_of("ur5", tmp_path)
+    job["robot"]["urdf"] = job["robot"]["urdf"].replace("</robot>", more + "</robot>")
+    robot = Robot(job)
+    frames, q = Frames(robot, job["robot"]["urdf"]), np.array([0.3, -1.2, 1.6, -1.0, 0.9, 0.2])
+    offset = lambda x, y, z, r, p, w: np.block([[rotation_exp(np.array([0, 0, w])) @ rotation_exp(np.array([0, p, 0])) @ rotation_exp(np.array([r, 0, 0])),
+                                                 np.array([[x], [y], [z]])], [np.zeros((1, 3)), np.ones((1, 1))]])
+    turn = lambda angle: offset(0, 0, 0, 0, 0, angle)
+    half = np.pi / 2
+    forearm = offset(0, 0, 0.089159, 0, 0, 0) @ turn(q[0]) @ offset(0, 0, 0, half, 0, 0) @ turn(q[1]) @ offset(-0.425, 0, 0, 0, 0, 0) @ turn(q[2])
+    assert np.abs(frames.pose("forearm_link", q) - forearm).max() < 1e-9
+    assert np.abs(frames.pose("camera", q) - forearm @ offset(0.1, 0.2, 0.3, 0.4, 0.5, 0.6)).max() < 1e-9
+    assert np.abs(frames.pose("pen", q) - frames.pose("tool0", q) @ offset(0, 0, 0.1, 0, 0.3, 0)).max() < 1e-9
+    assert frames.base == "base_link"
+    R = rotation_exp(np.array([0.3, -2.0, 1.0]))
+    assert np.abs(rotation_of(quaternion(R)) - R).max() < 1e-9
+    with pytest.raises(ValueError, match="frame_id"):
+        frames.pose("nowhere", q)
+
+
+def _job_of(robot, folder):
+    """The job of a short run."""
+    out = folder / robot
+    if not out.exists():
+        command = [_program(), "servo", robot, "--random", "1", "--duration", "0.05", "--out", str(out)]
+        subprocess.run(command, check=False, capture_output=True)
+    return json.loads((out / "job.json").read_text())
+
+
+class Peer:
+    """The participant that knows nothing of armplane."""
+
+    def __init__(self, domain):
+        environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
+        self.process = subprocess.Popen([sys.executable, HERE / "ros2_peer.py"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment)
+        assert self.process.stdout.readline() == "ready\n"
+
+    def ask(self, *words):
+        self.process.stdin.write(repr(words) + "\n")
+        self.process.stdin.flush()
+        return eval(self.process.stdout.readline())
+
+    def send(self, topic, fields, seconds=0.0, hz=100):
+        return self.ask("send", topic, seconds, hz, fields)
+
+    def stop(self, number=signal.SIGKILL):
+        self.process.send_signal(number)
+        self.process.wait()
+
+
+class Face:
+    """A run with the face, and a peer."""
+
+    def __init__(self, store, folder, *words, domain=None):
+        self.store, self.folder = store, folder
+        # One of its own for each worker: other tests on this machine are not to be steered.
+        self.domain = domain or 20 + os.getpid() % 80
+        self.peer, self.last = Peer(self.domain), {}
+        self.log = open(folder / "log", "w+")
+        command = [_program(), *words, "--out", str(folder / "run")]
+        environment = {**os.environ, "ROS_DOMAIN_ID": str(self.domain)}
+        self.process = subprocess.Popen(command, cwd=folder, env=environment, stdout=self.log, stderr=self.log)
+
+    def messages(self, topic):
+        """All that has come since the last call."""
+        return [self.store.deserialize_cdr(bytes.fromhex(data), TYPES[topic]) for _, data in self.peer.ask("take", topic)]
+
+    def until(self, topic, wanted=lambda _: True, seconds=20):
+        """The first message that is as wanted."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            for message in self.messages(topic):
+                self.last[topic] = message
+                if wanted(message):
+                    return message
+            assert self.process.poll() is None, self.said()
+            time.sleep(0.02)
+        raise AssertionError(f"{self.last.get(topic)}\n{self.said()}")
+
+    def said(self):
+        self.log.flush()
+        return (self.folder / "log").read_text()
+
+    def q(self):
+        """The arm's posture now."""
+        self.messages("joint_states")
+        return self.until("joint_states").position
+
+    def hand(self):
+        self.messages("tf")
+        at = self.until("tf").transforms[0].transform
+        return np.array([at.translation.x, at.translation.y, at.translation.z]), np.array([at.rotation.w, at.rotation.x, at.rotation.y, at.rotation.z])
+
+    def push(self, topic, fields, is_there):
+        """Sends a command until the fifth joint is there; its positions meanwhile."""
+        found, end = [], time.monotonic() + 40
+        while not (found and is_there(found[-1])):
+            self.peer.send(topic, fields, seconds=0.3, hz=500)
+            found += [one.position[4] for one in self.messages("joint_states")]
+            assert time.monotonic() < end, found[-1]
+        return found
+
+    def rests(self):
+        """Waits until the arm stands; its posture."""
+        before = self.q()
+        for _ in range(50):
+            time.sleep(0.2)
+            after = self.q()
+            if np.abs(after - before).max() < 4e-4:
+                return after
+            before = after
+        raise AssertionError("the arm does not come to rest")
+
+    def pid(self):
+        """Of the process of the run."""
+        for path in glob.glob("/proc/[0-9]*/environ"):
+            with contextlib.suppress(OSError):
+                if f"ROS_DOMAIN_ID={self.domain}\0".encode() in (text := pathlib.Path(path).read_bytes()) and b"ARMPLANE_PROCESS=ros2\0" in text:
+                    return int(path.split("/")[2])
+        return None
+
+    def end(self):
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+        code = self.process.wait(30)
+        with contextlib.suppress(OSError):
+            self.peer.stop()
+        assert self.pid() is None
+        return code
+
+
+@contextlib.contextmanager
+def _face(store, folder, *words):
+    face = Face(store, folder, *words)
+    try:
+        yield face
+    finally:
+        face.end()
+
+
+def _steered(*more):
+    return ["servo", "ur5", "--duration", "300", "--start", ",".join(map(str, np.degrees(NEAR_LOCK))), *more]
+
+
+def twist(v, w=(0, 0, 0), frame="base_link", stamp=None):
+    return (stamp, frame), (tuple(map(float, v)), tuple(map(float, w)))
+
+
+def test_twists_and_poses_lead_through_a_wrist_lock(store, tmp_path):
+    with _face(store, tmp_path, *_steered("--ros2=rate=500,units")) as face:
+        state = face.until("joint_states")
+        assert state.name == JOINTS and np.abs(state.position - NEAR_LOCK).max() < 1e-3 and len(state.velocity) == len(state.effort) == 6
+        assert face.until("robot_description").data.startswith("<?xml")
+        assert [one.child_frame_id for one in face.until("tf").transforms] == ["armplane/hand", "armplane/target", "armplane/singular"]
+        report = face.until("armplane/singularity")
+        wrist = next(one for one in report.singularities if one.name == "wrist")
+        assert 0.1 < wrist.s < 2 * wrist.eta_out and report.header.frame_id == "base_link"
+        size = lambda one: np.linalg.norm([one.x, one.y, one.z])
+        assert abs(max(size(wrist.linear), size(wrist.angular)) - 1) < 1e-9
+        assert {pair.key for pair in face.until("diagnostics").status[0].values} >= {"tick", "stops"}
+        # To the side by less than a millimetre, while the wrist turns through its lock.
+        begin, x = face.hand()
+        face.messages("tf"), face.messages("joint_states"), face.messages("servo_node/status")
+        v, w = np.split(-0.1 * armplane.Arm.builtin("ur5").at(NEAR_LOCK * [1, 1, 1, 1, 0, 1]).J[:, 4], 2)
+        v[2] += 0.02
+        wrists = face.push(TWIST, twist(v, w), lambda wrist: wrist < -0.1)
+        places = np.array([[getattr(one.transforms[0].transform.translation, axis) for axis in "xyz"] for one in face.messages("tf")]) - begin
+        along = places @ v / (v @ v)
+        assert along.max() > 1 and np.linalg.norm(places - along[:, None] * v, axis=1).max() < 1e-3
+        assert {one.code for one in face.messages("servo_node/status")} <= {0, 1} and max(wrists) > 0.14
+        # Back through it by poses.
+        face.rests()
+        (p, y), goal = face.hand(), begin
+        turn = rotation_log(rotation_of(x) @ rotation_of(y).T)
+        for part in np.linspace(0, 1, 40):
+            at, to = p + part * (goal - p), quaternion(rotation_exp(part * turn) @ rotation_of(y))
+            pose = (None, "base_link"), (tuple(map(float, at)), (*map(float, to[1:]), float(to[0])))
+            face.peer.send(POSE, pose, seconds=0.05)
+        face.push(POSE, pose, lambda wrist: abs(wrist - NEAR_LOCK[4]) < 1e-3)
+        assert np.linalg.norm(face.hand()[0] - goal) < 1e-3 and abs(face.hand()[1] @ x) > 1 - 1e-5
+        # A frame of a link, turned about the hand: the place stays.
+        face.peer.send(TWIST, twist([0, 0, 0], [0, 0, 0.5], frame="tool0"), seconds=0.5)
+        assert np.linalg.norm(face.hand()[0] - goal) < 2e-3 and abs(face.hand()[1] @ x) < np.cos(0.08)
+    assert "goal reached" in face.said() or "interrupted" in face.said(), face.said()
+
+
+def test_only_timely_commands_that_can_be_followed_move_the_arm(store, tmp_path):
+    nan, now = float("nan"), time.time
+    with _face(store, tmp_path, *_steered("--ros2=units")) as face:
+        face.until("joint_states")
+        start = face.rests()
+        still = lambda: np.abs(face.rests() - start).max() < 1e-3
+        long_ago, fine = (int(now()) - 1, 0), twist([0.05, 0, 0])
+        point = lambda q, t, v=(): (tuple(map(float, q)), tuple(map(float, v)), (), (), (int(t), int(t % 1 * 1e9)))
+        path = lambda *points, names=JOINTS: (((0, 0), ""), tuple(names), points)
+        refused = [
+            (TWIST, twist([0.05, 0, 0], stamp=(0, 0)), "its stamp is 0"),
+            (TWIST, twist([0.05, 0, 0], stamp=long_ago), "valid for 0.1 s"),
+            (TWIST, twist([0.05, nan, 0]), "a NaN"),
+            (TWIST, twist([0.05, 0, 0], frame="nowhere"), "frame_id is 'nowhere'"),
+            (TWIST, twist([0.05, 0, 0], frame=""), "frame_id is ''"),
+            (POSE, ((None, "base_link"), ((0.3, 0.2, nan), (0.0, 0.0, 0.0, 1.0))), "a NaN"),
+            (POSE, ((None, "base_link"), ((0.3, 0.2, 0.3), (0.0, 0.0, 0.0, 0.0))), "norm 0.0000"),
+            (JOG, ((None, ""), ("knee",), (), (0.1,), 0.0), "it names knee"),
+            (JOG, ((None, ""), ("elbow", "elbow"), (), (0.1, 0.1), 0.0), "a joint twice"),
+            (JOG, ((None, ""), ("elbow",), (), (), 0.0), "0 velocities"),
+            (PATH, path(point(start[:5], 1)), "each point needs 6"),
+            (PATH, path(point(start + 0.1, 1), names=JOINTS[:5]), "5 of the arm's 6"),
+            (PATH, path(point(start, 1), point(start, 1)), "its times must rise"),
+            (PATH, path(point(start + 9, 1)), "joint limits"),
+            (PATH, path(point(start + 1, 0)), "it begins 1.00 rad"),
+            (PATH, path(point([nan] * 6, 1)), "a NaN"),
+        ]
+        for topic, fields, why in refused:
+            time.sleep(1.05)
+            face.peer.send(topic, fields)
+            time.sleep(0.1)
+            assert re.search(rf"/{topic}: refused: .*{re.escape(why)}", face.said()), (topic, fields, why, face.said()[-600:])
+        # Bytes that are no message.
+        for garbage in ("0001000001", "00010000" + "ff" * 40, "00010000" + "00" * 8 + "ffffff7f" + "41" * 60, "0007" + "ab" * 90, "0000" * 2000):
+            face.peer.send(TWIST, garbage, seconds=0.1)
+        assert still()
+        count = lambda one: sum(int(pair.value) for pair in one.status[0].values if pair.key.startswith("refused on"))
+        assert face.until("diagnostics", lambda one: count(one) >= len(refused))
+        # A wrong command ends a right one, a stream that stops ends by itself, and one from the future does not last longer.
+        for end in (None, twist([0.05, 0, 0], frame="nowhere")):
+            begin, _ = face.hand()
+            face.peer.send(TWIST, fine, seconds=0.5)
+            if end:
+                face.peer.send(TWIST, end)
+            face.rests()
+            assert 0.005 < face.hand()[0][0] - begin[0] < 0.04
+        begin, _ = face.hand()
+        face.peer.send(TWIST, twist([0.05, 0, 0], stamp=(int(now()) + 100, 0)))
+        face.rests()
+        assert face.hand()[0][0] - begin[0] < 0.015
+
+
+def test_joints_jog_and_follow_a_table(store, tmp_path):
+    with _face(store, tmp_path, *_steered("--ros2")) as face:
+        face.until("joint_states")
+        start = face.rests()
+        # Without units, 1.0 is 0.5 rad/s.
+        face.peer.send(JOG, ((None, ""), ("elbow", "wrist_3"), (), (0.4, -0.2), 0.0), seconds=1.5, hz=50)
+        moved = face.rests() - start
+        assert 0.1 < moved[2] < 0.36 and abs(moved[5] + moved[2] / 2) < 0.02 and np.abs(moved[[0, 1, 3, 4]]).max() < 1e-3
+        # The elbow's limit is π: all joints stand with 0.1 rad to it.
+        face.peer.send(JOG, ((None, ""), ("elbow", "wrist_3"), (), (1.0, 0.1), 0.0), seconds=4.5, hz=50)
+        assert 0.08 < np.pi - face.rests()[2] < 0.13
+        order = [3, 0, 5, 1, 4, 2]
+        points = [(start, 4.0), (start + 0.2, 6.0), (start - [0.1, 0, 0.1, 0, 0.1, 0], 9.0)]
+        rows = [(tuple(map(float, q[order])), (), (), (), (int(t), int(t % 1 * 1e9))) for q, t in points]
+        face.peer.send(PATH, (((0, 0), ""), tuple(JOINTS[i] for i in order), tuple(rows)))
+        sent, passed = time.monotonic(), {}
+        for q, t in points:
+            time.sleep(max(0.0, sent + t + 0.05 - time.monotonic()))
+            passed[t] = np.abs(face.q() - q).max()
+        assert passed[4.0] < 0.3 and passed[6.0] < 0.1, passed
+        assert np.abs(face.rests() - points[-1][0]).max() < 2e-3
+        # Without points, it ends at once.
+        face.peer.send(PATH, (((0, 0), ""), tuple(JOINTS), (((*map(float, start),), (), (), (), (5, 0)),)))
+        time.sleep(1.0)
+        face.peer.send(PATH, (((0, 0), ""), (), ()))
+        assert np.abs(face.rests() - start).max() > 0.02
+
+
+@pytest.mark.parametrize("mode", ["lockstep", "realtime"])
+def test_each_side_may_be_killed_and_stopped(mode, store, tmp_path):
+    with _face(store, tmp_path, *_steered("--ros2=units,rate=500", "--mode", mode)) as face:
+        face.until("joint_states")
+        begin, _ = face.hand()
+        face.peer.send(TWIST, twist([0.05, 0, 0]), seconds=0.5)
+        face.messages("robot_description")
+        os.kill(face.pid(), signal.SIGKILL)
+        # The next one says anew whom it shows.
+        assert face.until("robot_description").data.startswith("<?xml")
+        face.messages("joint_states")
+        face.until("joint_states", lambda one: np.abs(one.velocity).max() < 0.05)
+        end = time.monotonic() + 15
+        while face.peer.ask("heard", TWIST) != 1 and time.monotonic() < end:
+            time.sleep(0.1)
+        face.peer.send(TWIST, twist([0.05, 0, 0]), seconds=0.5)
+        face.rests()
+        assert 0.01 < face.hand()[0][0] - begin[0] < 0.08
+        # A listener that stands still holds up nobody.
+        ticks = lambda one: int(one.status[0].values[0].value)
+        face.messages("diagnostics")
+        before = ticks(face.until("diagnostics"))
+        face.peer.process.send_signal(signal.SIGSTOP)
+        time.sleep(4)
+        face.peer.process.send_signal(signal.SIGCONT)
+        assert face.until("diagnostics", lambda one: ticks(one) > before + 1000, seconds=3)
+        # Its sender killed, the arm rests; the next one steers it.
+        face.peer.stop()
+        face.peer = Peer(face.domain)
+        face.until("joint_states")
+        begin, _ = face.hand()
+        face.peer.send(TWIST, twist([-0.05, 0, 0]), seconds=0.5)
+        face.rests()
+        assert -0.04 < face.hand()[0][0] - begin[0] < -0.005
+        # The launcher's death ends everything.
+        face.process.kill()
+        end = time.monotonic() + 10
+        while face.pid() and time.monotonic() < end:
+            time.sleep(0.1)
+        assert face.pid() is None
+    # What a killed launcher leaves in shared memory.
+    subprocess.run([_program(), "clean"], check=True, capture_output=True)
+
+
+def test_a_run_on_its_path_has_the_clock_of_its_ticks(store, tmp_path):
+    with _face(store, tmp_path, "run", "fig5-wrist-rotation", "--ros2=clock,rate=100") as face:
+        last = face.until("clock", lambda one: one.clock.sec >= 1, seconds=60)
+        assert last.clock.nanosec % 10_000_000 == 0
+        assert face.process.wait(60) == 0
+        stamps = [one.header.stamp for one in face.messages("joint_states")]
+        assert stamps[-1].sec >= 1
+    assert "goal reached" in face.said()
+
+
+def test_what_cannot_be_had_is_said_before_the_start(tmp_path):
+    for words, why in [(["--ros2=rate=0"], "rate=0"), (["--ros2=cloc"], "no option 'cloc'")]:
+        done = subprocess.run([_program(), "servo", "ur5", *words], cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode == 2 and why in done.stderr and not list(tmp_path.glob("runs/*"))
