@@ -201,7 +201,14 @@ fn by_type<const N: usize>(
     match s.class {
         Class::Type1 => family.fold(s, at).map_or_else(
             || type_2::target(None),
-            |fold| type_1::target(&fold, s.inside, branch, memory),
+            |fold| {
+                let side = memory.side;
+                let roomier = || family.roomier(s, at, side);
+                let branch = Some(branch)
+                    .filter(|side| *side != 0)
+                    .unwrap_or_else(roomier);
+                type_1::target(&fold, s.inside, branch, memory)
+            },
         ),
         Class::Type2 | Class::Mixed => type_2::target(family.direction(s, at, memory)),
         Class::Unknown => type_2::target(None),

@@ -6,8 +6,10 @@
 //! | C | type | a | reference |
 //! |---|---|---|---|
 //! | definite, or all but zero on one side | 1: a fold | strongest curvature | y_d² = y² + 2ζᵀe/h |
-//! | indefinite | mixed | self-motion, aᵀCa = 0 | it is followed out of the neighbourhood: x stays, and \|m\| = \|Ca\|·y grows |
+//! | indefinite | mixed | self-motion, aᵀCa = 0 | it is followed away from the lock: x stays, and \|m\| = \|Ca\|·y grows |
 //! | zero | 2 | what turns ζ fastest | ζ is turned until what is left of the path is orthogonal to it |
+//!
+//! Of types 2 and mixed this is so at the lock only, |s| < [`FOUND`]; beyond it a is turned towards ±m, by which the path is followed.
 
 use super::geometry::Span;
 use crate::linear::wrap_line;
@@ -22,8 +24,8 @@ const TURN: (f64, f64) = (0.01, 1.6);
 /// Length below which a projected direction is undefined.
 pub(super) const UNDEFINED: f64 = 0.05;
 
-/// s beyond which m gives the direction of the self-motion.
-const FOUND: f64 = 0.02;
+/// s beyond which m has a direction.
+pub(super) const FOUND: f64 = 0.002;
 
 /// A singular direction at one tick, as the turn of its auxiliary row depends on it.
 pub(super) struct Turn<'a, const N: usize> {
@@ -58,10 +60,11 @@ impl<const N: usize> Turn<'_, N> {
             let b = basis.any();
             if self.s < self.near.eta_out {
                 let in_plane = |[x, y]: [f64; 2]| a * x + b * y;
+                // Inside, a fold has a coordinate of its own.
+                let is_fold = self.class == Class::Type1;
+                let found = if is_fold { self.near.eta_in } else { FOUND };
                 let target = match self.class {
-                    _ if self.s > self.near.eta_in => Some(others.residual(self.m)),
-                    // m has grown along the self-motion: what is orthogonal to it leaves x alone exactly.
-                    Class::Mixed if self.s > FOUND => Some(b * self.m.dot(&a) - a * self.m.dot(&b)),
+                    _ if self.s > found => Some(others.residual(self.m)),
                     Class::Type2 => strongest([&a, &b].map(&zeta_rate)).map(in_plane),
                     class => preferred(
                         class,

@@ -1,10 +1,11 @@
 //! The way of a singularity's auxiliary coordinate: along the fold, out of the neighbourhood by the self-motion, or until ζ is out of the way.
 
+use super::auxiliary_row::FOUND;
 use super::family::Situation;
 use super::tracker::SMALLEST;
 use crate::linear::{angular, linear, rotation_log, sign, smoothstep, wrap_line};
 use crate::paper::reference::Memory;
-use crate::paper::type_1::Fold;
+use crate::paper::type_1::{Fold, SIDE_CHANGE};
 use crate::paper::type_2::{Direction, TURNS};
 use crate::types::{Class, Singularity};
 use nalgebra::{Vector3, Vector6};
@@ -18,9 +19,6 @@ pub(super) const FOLD_DAMPING: f64 = 0.02;
 /// Square of a fold's coordinate below zero at which the desired pose is beyond reach, not only rounded.
 const BEYOND_REACH: f64 = -1e-7;
 
-/// |s| over η_in from which on the path is followed again, and by which alone.
-const FOLLOWING: (f64, f64) = (0.9, 1.3);
-
 /// Damping of the gain where the path is followed, as a share of what it is at η_in; and the largest error answered to, rad.
 const FOLLOW: (f64, f64) = (0.2, 0.1);
 
@@ -30,6 +28,11 @@ const LEAVE: f64 = 0.8;
 /// Angle between ζ and where it should be beyond which the path waits, rad; and the remaining motion of a leg below which its direction is
 /// undefined, unit-scaled.
 const AWAY: (f64, f64) = (0.1, 0.02);
+
+/// Error along ζ, m and rad, from which on following the path by m is given up at the lock, where m has no direction; and the share of that error, and
+/// how many times |s|, at which it is followed again.
+const LOST: (f64, f64) = (0.0005, 0.003);
+const AGAIN: (f64, f64) = (0.2, 1.5);
 
 /// Error along ζ beyond which a goal beyond reach runs away, m: leaving a neighbourhood that can be left costs less.
 const SLIDES: f64 = 0.01;
@@ -60,8 +63,8 @@ const PASS_RATIO: f64 = 1.8;
 /// Curvature of a one-sided fold that is none, unit-scaled.
 const FLAT: f64 = 0.02;
 
-/// Distance to a joint limit that leaving must find free, rad.
-const ROOM: f64 = 0.3;
+/// Distance to a joint limit that counts as free, rad: further away it does not matter to which side a neighbourhood is left.
+const ROOM: f64 = 0.5;
 
 /// Distance along the self-motion that settles on which side of the lock the arm is, rad.
 const SIDE: f64 = 0.01;
@@ -95,46 +98,30 @@ pub(super) fn fold<const N: usize>(
     })
 }
 
-/// Where ζ should be, or how the neighbourhood is left: by the type.
+/// How far the auxiliary coordinate of a vector measure moves: as the path needs it to the first order, damped.
+///
+/// At the lock itself that leaves an error along ζ. Only then the type decides: the lock is left along the self-motion, or ζ turned out of the way.
 pub(super) fn direction<const N: usize>(
     s: &Singularity<N>,
     at: &Situation<'_, N>,
     memory: &mut Memory,
 ) -> Option<Direction> {
-    let inside = match s.class {
+    let (share, times) = if memory.passing { AGAIN } else { (1.0, 1.0) };
+    let most = share * if s.angular { LOST.1 } else { LOST.0 };
+    let is_lost = s.s < times * FOUND && s.zeta_B.dot(at.error).abs() > most;
+    let strategy = match s.class {
         Class::Mixed | Class::Type2 if at.clips && slides(s, at, memory) => Some(Direction {
             weight: 1.0,
             clipped: true,
             ..Direction::default()
         }),
-        Class::Mixed => Some(leave(s, at, memory)),
-        Class::Type2 => aside(s, at, memory),
+        Class::Mixed if is_lost => Some(leave(s, at, memory)),
+        Class::Type2 if is_lost => aside(s, at, memory),
         _ => None,
     };
-    let (error, rate) = follow(s, at);
-    let share = smoothstep((s.s / s.eta_in - FOLLOWING.0) / (FOLLOWING.1 - FOLLOWING.0));
-    if share > 0.99 {
+    strategy.or_else(|| {
         memory.passing = false;
-    }
-    let follows = Direction {
-        error,
-        rate,
-        weight: 1.0,
-        ..Direction::default()
-    };
-    let Some(inside) = inside.filter(|_| share <= 0.99) else {
-        return (share > 0.0).then_some(Direction {
-            error: share * error,
-            rate: share * rate,
-            ..follows
-        });
-    };
-    let mix = |inside: f64, outside: f64| inside + share * (outside - inside);
-    Some(Direction {
-        error: mix(inside.error * inside.weight, error),
-        rate: mix(inside.rate, rate),
-        weight: 1.0,
-        ..inside
+        Some(follow(s, at))
     })
 }
 
@@ -350,15 +337,17 @@ fn slides<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>, memory: &mu
     memory.holding
 }
 
-/// Error (rad) and rate (rad/s) by which the auxiliary coordinate follows the path: ζᵀV_d = g·ẏ, damped.
-fn follow<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>) -> (f64, f64) {
+/// The auxiliary coordinate follows the path: g·ẏ is the desired motion along ζ less what the kept motion carries there, damped.
+fn follow<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>) -> Direction {
     let entry = FOLLOW.0 * s.gain * s.eta_in / s.s.max(SMALLEST);
     let inverse = s.gain / (s.gain * s.gain + entry * entry).max(SMALLEST);
     let error = s.zeta_B.dot(at.error) * inverse;
-    (
-        (error).clamp(-FOLLOW.1, FOLLOW.1),
-        (s.zeta_B.dot(&at.desired.V) * inverse).clamp(-at.rate_max, at.rate_max),
-    )
+    Direction {
+        error: error.clamp(-FOLLOW.1, FOLLOW.1),
+        rate: along(s, at) * inverse,
+        weight: 1.0,
+        ..Direction::default()
+    }
 }
 
 /// ζ turned until what is left of the leg lies in its orthogonal complement [CK95 §4]: ζ(ε) = ζ cos ε + T sin ε, T = y×ζ with y the second axis of
@@ -368,7 +357,7 @@ fn aside<const N: usize>(
     at: &Situation<'_, N>,
     memory: &mut Memory,
 ) -> Option<Direction> {
-    if !s.inside || within(s.kappa_2.abs(), TURNS) {
+    if within(s.kappa_2.abs(), TURNS) {
         memory.passing = false;
         return None;
     }
@@ -398,34 +387,40 @@ fn aside<const N: usize>(
     })
 }
 
+/// How far the auxiliary coordinate can move to this side before a joint that takes part in it is at its limit, rad; at most [`ROOM`].
+fn room<const N: usize>(side: f64, s: &Singularity<N>, at: &Situation<'_, N>) -> f64 {
+    (0..N).fold(ROOM, |room, i| {
+        let by = side * s.aux_row[i];
+        let left = if by > 0.0 {
+            at.upper[i] - at.q[i]
+        } else {
+            at.q[i] - at.lower[i]
+        };
+        if by.abs() > 0.1 {
+            room.min(left / by.abs())
+        } else {
+            room
+        }
+    })
+}
+
+/// The side of a fold to which the arm changes while it is at the fold, because a joint limit is near on the other: −1 or +1; 0: it keeps its side.
+pub(super) fn roomier<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>, side: f64) -> i32 {
+    let is_narrow = room(side, s, at) < ROOM && room(-side, s, at) >= ROOM;
+    if s.aux.abs() < SIDE_CHANGE && is_narrow {
+        -side as i32
+    } else {
+        0
+    }
+}
+
 /// Out of the neighbourhood along the self-motion: away from the lock, or where that direction is undefined, to where the joints have more room.
 fn leave<const N: usize>(
     s: &Singularity<N>,
     at: &Situation<'_, N>,
     memory: &mut Memory,
 ) -> Direction {
-    if !s.inside {
-        memory.passing = false;
-        return Direction {
-            weight: 1.0,
-            ..Direction::default()
-        };
-    }
-    let room = |side: f64| {
-        (0..N).fold(ROOM, |room, i| {
-            let by = side * s.aux_row[i];
-            let left = if by > 0.0 {
-                at.upper[i] - at.q[i]
-            } else {
-                at.q[i] - at.lower[i]
-            };
-            if by.abs() > 0.1 {
-                room.min(left / by.abs())
-            } else {
-                room
-            }
-        })
-    };
+    let room = |side| room(side, s, at);
     let decided = s.aux.abs() > SIDE;
     if !memory.passing || decided && s.aux * memory.side < 0.0 {
         let more = sign(room(1.0) >= room(-1.0));

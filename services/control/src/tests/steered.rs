@@ -4,10 +4,11 @@ use crate::testing::robot;
 use crate::types::Phase;
 use crate::{Analyzer, Controller, Inputs, start_posture};
 use model::Model;
-use nalgebra::SVector;
+use nalgebra::{Rotation3, SVector, UnitQuaternion};
 use proptest::prelude::*;
 use shared_types::codes::{
-    FRAME_HAND, REASON_LIMIT, REASON_OVER, REASON_STALE, TARGET_END, TARGET_POSTURE, TARGET_TWIST,
+    FRAME_HAND, REASON_FOLLOWING, REASON_LIMIT, REASON_OVER, REASON_STALE, TARGET_END, TARGET_POSE,
+    TARGET_POSTURE, TARGET_TWIST,
 };
 use shared_types::scenario::Scenario;
 use shared_types::{MAX_DOF, ServoState, TargetContent};
@@ -309,4 +310,80 @@ fn a_turn_about_a_lost_direction_is_made_on_an_arm_without_formulas() {
             "{beside_deg}° beside ζ: {turned} of 1.2 rad, {state:?}"
         );
     }
+}
+
+/// The poses of a joint path from `from` to `to` in `time_s`, given at each tick: the arm's farthest distance from them, m, and for how many ticks it was
+/// more than 12 mm away and said to follow.
+fn poses_of_a_joint_path(name: &str, from: [f64; 7], to: [f64; 7], time_s: f64) -> (f64, usize) {
+    let text = format!(
+        "name = \"t\"\nrobot = \"{name}\"\n[start]\nq = {from:?}\n[servo]\nduration_s = 60.0\n"
+    );
+    let scenario = Scenario::parse("t.toml", &text, &[]).unwrap();
+    let robot = robot(name);
+    let model = Model::<7>::new(robot, None).unwrap();
+    let (from, to) = (SVector::from(from), SVector::from(to));
+    let mut analyzer = Analyzer::new(robot, &scenario.analysis);
+    let mut controller = Controller::new(model.clone(), robot, &scenario, from).unwrap();
+    let (mut q, mut qdot) = (from, SVector::<f64, 7>::zeros());
+    let (mut farthest, mut untrue) = (0.0_f64, 0);
+    for tick in 0..(time_s * 1000.0) as u64 {
+        let [share, rate, _] = crate::quintic(tick as f64 * 1e-3, time_s);
+        let asked = model.evaluate(&(from + (to - from) * share), &SVector::zeros());
+        let R = Rotation3::from_matrix_unchecked(asked.X_BE.R);
+        let turn = UnitQuaternion::from_rotation_matrix(&R);
+        let target = TargetContent {
+            kind: TARGET_POSE,
+            given_tick: tick,
+            valid_s: 0.1,
+            twist: (asked.J * (to - from) * rate).into(),
+            position: asked.X_BE.p.into(),
+            quaternion: [turn.w, turn.i, turn.j, turn.k],
+            ..Default::default()
+        };
+        let terms = model.evaluate(&q, &qdot);
+        let command = controller.step(&Inputs {
+            tick,
+            q: &q,
+            qdot: &qdot,
+            tau_disturbance: &SVector::zeros(),
+            report: &analyzer.step(&q, &qdot, &terms),
+            terms: Some(&terms),
+            target: Some(&target),
+        });
+        let off = (asked.X_BE.p - terms.X_BE.p).norm();
+        let is_said = command.session.unwrap().reason == REASON_FOLLOWING;
+        (farthest, untrue) = (
+            farthest.max(off),
+            untrue + usize::from(off > 0.012 && is_said),
+        );
+        (q, qdot) = (controller.state.targets.q, controller.state.targets.qdot);
+    }
+    (farthest, untrue)
+}
+
+#[test]
+fn arms_with_a_spare_joint_follow_the_poses_of_a_joint_path_through_a_lock() {
+    let bent = [-0.75, 0.37, -0.62, -1.81, -0.8, 2.38, -0.22];
+    let stretched = [-0.75, 0.37, -0.62, -0.267, -0.8, 2.38, -0.22];
+    let lock = [0.3, 0.0, 0.5, 1.2, 0.4, 0.0, 0.2];
+    let beyond = [0.5, -0.3, 0.7, 0.95, 0.7, 0.2, 0.3];
+    for (name, from, to, time_s) in [
+        ("panda", bent, stretched, 6.0),
+        ("iiwa14", lock, beyond, 4.0),
+        ("panda", stretched, bent, 6.0),
+    ] {
+        let (farthest, untrue) = poses_of_a_joint_path(name, from, to, time_s);
+        println!("{name} {farthest} {untrue}");
+        let most = if from == stretched { 0.02 } else { 0.003 };
+        assert!(farthest < most, "{name} from {from:?}: {farthest} m");
+        assert_eq!(untrue, 0, "{name} from {from:?}");
+    }
+}
+
+#[test]
+fn an_arm_that_is_not_where_it_should_be_is_not_said_to_follow() {
+    // 0.4 m away at once: for a while nothing but the session's acceleration keeps the arm from being there.
+    let bent = [0.0, -0.5, 0.0, -2.2, 0.0, 1.8, 0.8];
+    let (farthest, untrue) = poses_of_a_joint_path("panda", bent, bent.map(|q| q + 0.3), 0.4);
+    assert!(farthest > 0.05 && untrue == 0, "{farthest} m, {untrue}");
 }

@@ -81,6 +81,8 @@ pub struct Wish {
     pub asked: Vector6<f64>,
     /// Position of E that is asked for, m.
     pub p: Vector3<f64>,
+    /// The pose asked for is this far from the reference; rotation vector, m and rad.
+    pub off: Vector6<f64>,
     /// The target is older than its validity.
     pub stale: bool,
 }
@@ -134,16 +136,15 @@ pub fn wish<const N: usize>(
             // It has moved on with its twist since it was given.
             let R = rotation_exp(&(angular(&given) * age_s)) * given_R;
             let p = Vector3::from(target.position) + linear(&given) * age_s;
-            let way = towards(&(p - X.p), session.acceleration_m_s2);
-            let turn = towards(
-                &rotation_log(&(R * X.R.transpose())),
-                session.acceleration_rad_s2,
-            );
+            let off = stack(&(p - X.p), &rotation_log(&(R * X.R.transpose())));
+            let way = towards(&linear(&off), session.acceleration_m_s2);
+            let turn = towards(&angular(&off), session.acceleration_rad_s2);
             let asked = given + stack(&way, &turn);
             Wish {
                 V: bounded(&asked, session),
                 asked,
                 p,
+                off,
                 stale: false,
             }
         }

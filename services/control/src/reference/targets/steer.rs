@@ -44,6 +44,8 @@ const PARTED: f64 = 0.05;
 /// parted, m.
 const BEHIND_M: (f64, f64) = (0.004, 0.008);
 const PARTED_M: f64 = 0.012;
+/// Distance from the pose asked for beyond which the arm does not follow it, m and rad: an acceleration of 1 m/s² makes 10 mm.
+const OFF: (f64, f64) = (0.010, 0.05);
 /// No arm is faster than this: a checkpoint that says so is not one of a reference arm, rad/s.
 const ABSURD: f64 = 1e3;
 
@@ -409,6 +411,8 @@ impl<const N: usize> TargetState<N> {
         let is_near = nearest.is_some_and(|(_, openness)| openness < NEAR);
         let leads = asked.lead.saturation > SATURATED;
         let is_bounded = self.clipped || leads && !(is_near && asked.turns);
+        let is_off = linear(&wish.off).norm() > OFF.0 || angular(&wish.off).norm() > OFF.1;
+        let is_slow = clock < FULL || leads || is_off;
         // The first that holds.
         let reasons = [
             (self.over.is_some(), REASON_OVER),
@@ -421,9 +425,9 @@ impl<const N: usize> TargetState<N> {
             (asked.behind.norm() > BEHIND_M.0, REASON_HELD),
             (limit.is_some(), REASON_LIMIT),
             (!is_posture && is_bounded, REASON_REACH),
-            ((clock < FULL || leads) && is_near, REASON_SINGULARITY),
+            (is_slow && is_near, REASON_SINGULARITY),
             (clock < FULL, REASON_EFFORT),
-            ((wish.V - wish.asked).amax() > 1e-9, REASON_FAST),
+            (is_off || (wish.V - wish.asked).amax() > 1e-9, REASON_FAST),
         ];
         let reason = reasons.iter().find(|(holds, _)| *holds);
         let reason = reason.map_or(REASON_FOLLOWING, |(_, reason)| *reason);
