@@ -27,8 +27,6 @@ pub struct Contents {
     /// The arm, for the topic from which viewers of ROS draw it; may be empty.
     pub(crate) urdf: String,
     pub(crate) compression: Option<Compression>,
-    /// The first tick of the file.
-    pub(crate) from: u64,
 }
 
 impl Contents {
@@ -41,7 +39,6 @@ impl Contents {
             files: Vec::new(),
             urdf: String::new(),
             compression: None,
-            from: 0,
         }
     }
 
@@ -80,13 +77,6 @@ impl Contents {
     pub fn of_topics(run: u64, rate_hz: u32, is_in: impl Fn(&str) -> bool) -> Self {
         let known = known().into_iter().filter(|layout| is_in(&layout.topic));
         Self::new(run, rate_hz, known.collect())
-    }
-
-    /// The same of a file that goes on from a cut.
-    #[must_use]
-    pub fn from(mut self, tick: u64) -> Self {
-        self.from = tick;
-        self
     }
 
     /// The channels of events, of the arm and of cuts, behind those of topics.

@@ -7,7 +7,7 @@ use runtime::NamedSaved;
 use crate::contents::Contents;
 use crate::error::RecordError;
 use crate::event::{CDR, put_text};
-use crate::reader::{RecordReader, part};
+use crate::reader::{Item, RecordReader};
 
 /// Topic, type and definition of cuts.
 pub(crate) const CUTS: [&str; 3] = [
@@ -77,45 +77,23 @@ impl Cut {
         contents: &Contents,
         is_usable: impl Fn(u64) -> bool,
     ) -> Result<Option<Self>, RecordError> {
-        let limits = limits(path, contents);
-        for (place, limit) in limits.iter().enumerate().rev() {
-            let path = part(path, place as u32 + 1);
-            let (length, mut tail) = (RecordReader::length_of(&path), TAIL);
-            loop {
-                let mut newest = None;
-                if let Some(mut end) = RecordReader::at_end(&path, contents, tail)? {
-                    end.cuts();
-                    while end.next_item().is_some() {}
-                    let usable = |cut: &Self| cut.tick <= *limit && is_usable(cut.tick);
-                    newest = end.cuts().into_iter().rfind(usable);
+        let length = std::fs::metadata(path).map_or(0, |file| file.len());
+        let mut tail = TAIL;
+        loop {
+            let (mut newest, mut end) = (None, RecordReader::at_end(path, contents, tail)?);
+            while let Some(item) = end.as_mut().and_then(RecordReader::next_item) {
+                if let Item::Cut(cut) = item
+                    && is_usable(cut.tick)
+                {
+                    newest = Some(cut);
                 }
-                if newest.is_some() {
-                    return Ok(newest);
-                }
-                if tail >= length {
-                    break;
-                }
-                tail *= 8;
             }
+            if newest.is_some() || tail >= length {
+                return Ok(newest);
+            }
+            tail *= 8;
         }
-        Ok(None)
     }
-}
-
-/// For each file of a record the tick at which a later one goes on: its messages from there on have been sent again.
-pub(crate) fn limits(path: &Path, contents: &Contents) -> Vec<u64> {
-    if !path.exists() {
-        return Vec::new();
-    }
-    let exists = |number: &u32| part(path, *number).exists();
-    let later = (2..).take_while(exists).map(|number| {
-        let begin = RecordReader::begin_of(&part(path, number), contents);
-        // Of a recorder that was replaced in real time nothing is sent again.
-        begin.filter(|tick| *tick > 0).unwrap_or(u64::MAX)
-    });
-    let later: Vec<u64> = later.collect();
-    let limit = |place: usize| later[place..].iter().copied().min().unwrap_or(u64::MAX);
-    (0..=later.len()).map(limit).collect()
 }
 
 #[cfg(test)]

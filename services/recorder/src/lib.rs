@@ -2,6 +2,7 @@
 #![allow(non_snake_case)]
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
+mod book;
 mod contents;
 mod cut;
 mod error;
@@ -10,31 +11,31 @@ mod fault_reporter;
 mod hash;
 mod judge;
 mod reader;
-mod rebuild;
 #[cfg(test)]
 mod tests;
 mod ticks;
 mod writer;
 
-use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::path::Path;
+use std::time::Duration;
 
 use model::Robot;
 use runtime::{CUT_TICKS, Collector, Count, Mode, ProcessError, Shell, write_reserved};
 use serde_json::Value;
 use shared_types::job::Job;
-use shared_types::summary::{RecorderSummary, Summary};
+use shared_types::summary::Summary;
 
+use book::{Book, CHUNK, Record};
 use fault_reporter::FaultReporter;
 
+pub use book::rebuild;
 pub use contents::{Contents, tick_of};
 pub use cut::Cut;
 pub use error::RecordError;
 pub use event::{Event, Level, Source};
 pub use hash::TopicHash;
 pub use judge::{Bounds, Judge, Limits, TaskError, Tick, Verdict};
-pub use reader::{Item, RecordReader, part};
-pub use rebuild::{is_in_parts, rebuild};
+pub use reader::{Item, RecordReader};
 pub use ticks::{Account, Assembler, Row, Ticks};
 pub use writer::RecordWriter;
 
@@ -43,9 +44,6 @@ pub const MESSAGES: &str = "messages.mcap";
 
 /// Name of the recorder's part of the summary in the run's directory.
 pub const SUMMARY: &str = "summary.json";
-
-/// A chunk of the record is closed after so much time: a recorder that is killed in real time takes it along.
-const CHUNK: Duration = Duration::from_millis(50);
 
 /// Records and judges until the run has stopped and everything on the way has arrived, then leaves its part of the summary in `run_dir`.
 ///
@@ -99,16 +97,17 @@ fn written(summary: &Summary) -> serde_json::Result<Vec<u8>> {
     serde_json::to_vec(&value)
 }
 
+/// The remedy for a record that cannot be written.
+const REMEDY: &str = "give a folder with more room by --out, or use --no-record";
+
 /// A recorder in its process.
 struct Recorder<'a> {
     shell: &'a Shell,
     job: &'a Job,
     topics: Vec<Topic>,
-    assembler: Assembler,
-    judge: Judge,
-    record: Record,
-    /// Ticks judged.
-    rows: u64,
+    book: Book<'a>,
+    /// Messages that were sent before this start of all processes.
+    earlier: u64,
     /// The tick of the next cut.
     next_cut: u64,
     faults: FaultReporter,
@@ -138,16 +137,19 @@ fn pace(mode: Mode) -> Duration {
 }
 
 impl<'a> Recorder<'a> {
-    /// A replacement begins another file; what it judges is judged again from all files at the end of the run.
     fn open(shell: &'a Shell, robot: &'a Robot, job: &'a Job) -> Result<Self, ProcessError> {
-        let from = shell.manifest().from;
-        let contents = Contents::of(job).from(from);
-        let mut assembler = Assembler::new(&contents);
-        let (record, last) = Record::begin(job, &contents, shell.incarnation());
-        let (mut topics, is_first) = (Vec::new(), shell.incarnation() == 1);
+        let (from, is_first) = (shell.manifest().from, shell.incarnation() == 1);
+        let (path, contents) = (job.out.join(MESSAGES), Contents::of(job));
+        let mut book = Book::new(robot, job)?;
+        let last = match job.record && !is_first {
+            // None where its predecessor has died before its first chunk.
+            true => RecordReader::last_messages(&path, &contents).unwrap_or_default(),
+            false => Vec::new(),
+        };
+        let mut topics = Vec::new();
         for (channel, layout) in contents.layouts().iter().enumerate() {
             if !shell.reads(&layout.topic) {
-                assembler.leave_out(channel);
+                book.assembler.leave_out(channel);
                 continue;
             }
             let mut collector = shell.collector(&layout.topic)?;
@@ -157,17 +159,53 @@ impl<'a> Recorder<'a> {
             }
             topics.push(Topic { channel, collector });
         }
-        Ok(Self {
-            judge: judge(robot, job)?,
+        let mut recorder = Self {
             shell,
             job,
             topics,
-            assembler,
-            record,
-            rows: 0,
+            book,
+            earlier: 0,
             next_cut: (from / CUT_TICKS + 1) * CUT_TICKS,
             faults: FaultReporter::default(),
-        })
+        };
+        recorder.begin(&path, &contents)?;
+        Ok(recorder)
+    }
+
+    /// Begins the record, with all that there is of it before a cut or, in real time, before the death of a recorder.
+    fn begin(&mut self, path: &Path, contents: &Contents) -> Result<(), ProcessError> {
+        let (from, is_recorded) = (self.shell.manifest().from, self.job.record);
+        let before = match from {
+            0 => u64::MAX,
+            from => from,
+        };
+        let goes_on = from > 0 || is_recorded && self.shell.incarnation() > 1;
+        let earlier = goes_on.then(|| RecordReader::open_before(path, contents, before));
+        let earlier = match earlier {
+            Some(Err(error)) if !error.is_absent() => return Err(ProcessError::setup(error)),
+            earlier => earlier.and_then(Result::ok),
+        };
+        if is_recorded {
+            self.book.record = Record::create(path, contents, earlier.is_some());
+        }
+        let Some(mut earlier) = earlier else {
+            return Ok(());
+        };
+        let (topics, mut waiting) = (&mut self.topics, Vec::new());
+        let taken = self.book.take_up(&mut earlier, || {
+            // In real time messages come meanwhile.
+            topics
+                .iter_mut()
+                .try_for_each(|Topic { channel, collector }| {
+                    collector.collect(|message| waiting.push((*channel, message.to_vec())))
+                })
+        })?;
+        self.book.record.place();
+        for (channel, message) in waiting {
+            self.book.take(channel, &message);
+        }
+        self.earlier = if from > 0 { taken } else { 0 };
+        Ok(())
     }
 
     /// Takes in everything that is there.
@@ -175,21 +213,17 @@ impl<'a> Recorder<'a> {
         let Self { shell, job, .. } = *self;
         // Read before the messages are: all of earlier ticks are among them.
         let closed = shell.closed_by_all();
+        let book = &mut self.book;
         for Topic { channel, collector } in &mut self.topics {
-            collector.collect(|message| {
-                self.assembler.take(*channel, message);
-                self.record.write(|record| record.append(*channel, message));
-            })?;
+            collector.collect(|message| book.take(*channel, message))?;
         }
         self.keep_cut(closed);
         shell.has_taken_in();
         // Before the ticks in which it shows: their words name it.
-        self.faults.report(shell, &job.graph, &mut self.record);
-        while let Some(row) = self.assembler.next_row() {
-            self.judge(&row);
-        }
-        self.record.close_chunk();
-        if !self.record.error.is_empty() {
+        self.faults.report(shell, &job.graph, &mut self.book.record);
+        self.book.judge_ready();
+        self.book.record.close_chunk();
+        if !self.book.record.error.is_empty() {
             shell.mark_detected();
         }
         Ok(())
@@ -203,8 +237,8 @@ impl<'a> Recorder<'a> {
         }
         match self.shell.cut(tick) {
             Ok(Some(processes)) => {
-                self.record
-                    .write(|record| record.cut(&Cut { tick, processes }));
+                let cut = Cut { tick, processes };
+                self.book.record.write(|record| record.cut(&cut));
             }
             Ok(None) if closed < tick + CUT_TICKS / 2 => return,
             Ok(None) => {}
@@ -213,171 +247,28 @@ impl<'a> Recorder<'a> {
         self.next_cut += CUT_TICKS;
     }
 
-    fn judge(&mut self, row: &Row) {
-        self.rows += 1;
-        for event in take(row, &mut self.judge) {
-            self.record.write(|record| record.event(&event));
+    fn finish(self) -> Summary {
+        let Self {
+            shell,
+            job,
+            mut book,
+            earlier,
+            mut faults,
+            ..
+        } = self;
+        book.judge_rest(false);
+        faults.report(shell, &job.graph, &mut book.record);
+        book.record.finish();
+        let error = &mut book.record.error;
+        if !error.is_empty() {
+            *error = format!("{error}; {REMEDY}");
         }
-    }
-
-    fn finish(mut self) -> Summary {
-        while let Some(row) = self.assembler.rest() {
-            self.judge(&row);
-        }
-        let shell = self.shell;
-        let graph = &self.job.graph;
-        self.faults.report(shell, graph, &mut self.record);
-        let mut recorded = RecorderSummary {
-            rows: self.rows,
-            bytes: self.record.finish(),
-            error: self.record.error,
-            cpu_s: runtime::realtime::cpu_time_s(),
-            ..RecorderSummary::default()
-        };
         // Messages sent less messages received: a gap in the ticks may be a message that a fault kept from being sent.
         let refused = shell.count(Count::Refused) + shell.count(Count::Fenced);
-        let accounts = self.assembler.accounts().iter();
-        let received: u64 = accounts.map(|one| one.hash.count()).sum();
-        recorded.lost = shell.sent_by_all().saturating_sub(received + refused);
-        summary(self.job, self.judge, &self.assembler, recorded)
-    }
-}
-
-/// The record, as long as it can be written; the first error ends it and is kept. A disk that is full ends the record, not the run.
-struct Record {
-    writer: Option<RecordWriter>,
-    bytes: u64,
-    error: String,
-    closed: Instant,
-}
-
-impl Record {
-    /// The record of a recorder's incarnation, where messages are kept, and the last messages of its predecessors.
-    fn begin(job: &Job, contents: &Contents, incarnation: u32) -> (Self, Vec<Option<Vec<u8>>>) {
-        let mut record = Self {
-            writer: None,
-            bytes: 0,
-            error: String::new(),
-            closed: Instant::now(),
-        };
-        let first = job.out.join(MESSAGES);
-        let mut last = Vec::new();
-        if !job.record {
-            return (record, last);
-        }
-        let number = match contents.from {
-            0 => incarnation,
-            _ => (1..)
-                .find(|number| !part(&first, *number).exists())
-                .unwrap_or(1),
-        };
-        if number == 1 {
-            // Those of a run before, in the same folder.
-            remove_parts(&first);
-        }
-        let path = part(&first, number);
-        for number in 1..incarnation {
-            // One that died before its first chunk has left none.
-            let read = RecordReader::last_messages(&part(&first, number), contents);
-            last.resize(contents.layouts().len(), None);
-            let read = read.into_iter().flatten();
-            for (last, read) in last.iter_mut().zip(read) {
-                *last = read.or(last.take());
-            }
-        }
-        match RecordWriter::create(&path, contents) {
-            Ok(writer) => record.writer = Some(writer),
-            Err(error) => record.fail(&error),
-        }
-        (record, last)
-    }
-
-    fn write(&mut self, write: impl FnOnce(&mut RecordWriter) -> Result<(), RecordError>) {
-        if let Some(writer) = &mut self.writer
-            && let Err(error) = write(writer)
-        {
-            self.bytes = writer.bytes();
-            self.fail(&error);
-        }
-    }
-
-    /// Closes the chunk, if it is time.
-    fn close_chunk(&mut self) {
-        if self.closed.elapsed() >= CHUNK {
-            self.closed = Instant::now();
-            self.write(RecordWriter::close_chunk);
-        }
-    }
-
-    fn fail(&mut self, error: &RecordError) {
-        runtime::complain(error);
-        self.error = format!("{error}; give a folder with more room by --out, or use --no-record");
-        self.writer = None;
-    }
-
-    /// Ends it; its size in bytes.
-    fn finish(&mut self) -> u64 {
-        match self.writer.take().map(RecordWriter::finish) {
-            None => {}
-            Some(Ok(bytes)) => self.bytes = bytes,
-            Some(Err(error)) => self.fail(&error),
-        }
-        self.bytes
-    }
-}
-
-/// Removes the files that replacements of a recorder have written beside a record.
-fn remove_parts(first: &Path) {
-    let parts = (2..).map(|number| part(first, number));
-    parts
-        .map_while(|part: PathBuf| std::fs::remove_file(part).ok())
-        .for_each(drop);
-}
-
-/// The judge of a run at its beginning.
-fn judge(robot: &Robot, job: &Job) -> Result<Judge, ProcessError> {
-    let judge = Judge::in_processes(&job.graph, robot, &job.scenario);
-    let judge = judge.map_err(ProcessError::setup)?;
-    Ok(match job.mode {
-        Mode::Realtime => judge.on_grid(1_000_000_000 / u64::from(job.scenario.rate_hz)),
-        Mode::Lockstep => judge,
-    })
-}
-
-/// Judges a tick; the words on it.
-fn take(row: &Row, judge: &mut Judge) -> Vec<Event> {
-    let messages = row.messages().lent();
-    if let Some(tick) = Tick::of(&messages) {
-        judge.tick(tick);
-    } else if let Some(sensor) = messages.sensor {
-        judge.torn(sensor);
-    }
-    let events = judge.events().map(|(tick, text)| Event {
-        tick,
-        level: Level::Warning,
-        source: Source::Judge,
-        text,
-    });
-    events.collect()
-}
-
-/// The recorder's part of the summary; the launcher adds the processes.
-fn summary(job: &Job, judge: Judge, assembler: &Assembler, recorded: RecorderSummary) -> Summary {
-    let accounts = || assembler.accounts().iter().filter(|one| one.is_read());
-    Summary {
-        of: job.into(),
-        topics: accounts()
-            .map(|one| (one.topic.clone(), one.hash.summary()))
-            .collect(),
-        recorder: RecorderSummary {
-            messages: accounts().map(|one| one.hash.count()).sum(),
-            not_drawn: assembler.foreign(),
-            file: match job.record {
-                true => MESSAGES.to_owned(),
-                false => String::new(),
-            },
-            ..recorded
-        },
-        ..judge.verdict()
+        let sent = earlier + shell.sent_by_all();
+        let lost = sent.saturating_sub(book.messages() + refused);
+        let mut summary = book.summary(lost);
+        summary.recorder.cpu_s = runtime::realtime::cpu_time_s();
+        summary
     }
 }

@@ -13,7 +13,7 @@ use mcap::{MAGIC, McapError, parse_record};
 use shared_types::Message;
 
 use crate::contents::{Contents, tick_of};
-use crate::cut::{Cut, limits};
+use crate::cut::Cut;
 use crate::error::RecordError;
 use crate::event::{CDR, Event};
 
@@ -46,30 +46,27 @@ pub enum Item<'a> {
     },
     /// Words on the run.
     Event(Event),
+    /// The states of all processes.
+    Cut(Cut),
 }
 
-/// Reads a record, with the files in which a recorder that was replaced was followed by others. A torn end is the end; a damaged chunk is noted and passed
-/// over. After the end, of a run that goes on, more may come.
+/// Reads a record. A torn end is the end; a damaged chunk is noted and passed over. After the end, of a run that goes on, more may come.
 pub struct RecordReader {
     path: PathBuf,
     contents: Contents,
     file: File,
-    /// Number of the file, and the place in it.
-    part: u32,
     at: u64,
     chunk: Chunk,
     /// The next message of the chunk.
     next: usize,
-    /// The messages read of each channel in this file, and the tick of the last one.
+    /// The messages read of each channel, and the tick of the last one.
     counts: Vec<u32>,
     ticks: Vec<u64>,
     /// Ticks at which it is not as it was written.
     damage: Vec<u64>,
     is_ended: bool,
-    /// Messages from this tick on have been sent again: they are in a later file.
+    /// What is of this tick or later is passed over, but for a cut at it.
     limit: u64,
-    /// The cuts that have been read, where they are wanted.
-    cuts: Option<Vec<Cut>>,
 }
 
 /// The messages of a chunk.
@@ -77,9 +74,6 @@ pub struct RecordReader {
 struct Chunk {
     bytes: Vec<u8>,
     messages: Vec<Stored>,
-    cuts: Vec<Cut>,
-    /// The first tick of the file, as it says.
-    from: Option<u64>,
 }
 
 /// A message of a chunk.
@@ -103,22 +97,22 @@ impl From<McapError> for Refusal {
     }
 }
 
-/// Name of a file of a run's record: the second and later ones are of recorders that replaced others.
-pub fn part(path: &Path, number: u32) -> PathBuf {
-    match number {
-        1 => path.to_owned(),
-        _ => path.with_file_name(format!("messages-{number}.mcap")),
-    }
-}
-
 impl RecordReader {
     /// The record of a run.
     ///
     /// # Errors
     /// When there is none, when it is of another run, or its messages are not this program's.
     pub fn open(path: &Path, contents: &Contents) -> Result<Self, RecordError> {
+        Self::open_before(path, contents, u64::MAX)
+    }
+
+    /// The same before a tick: its messages and events, and the cuts up to that at the tick.
+    ///
+    /// # Errors
+    /// See [`open`](Self::open).
+    pub fn open_before(path: &Path, contents: &Contents, tick: u64) -> Result<Self, RecordError> {
         let mut reader = Self::on(path, contents)?;
-        reader.limit = reader.limit_of(1);
+        reader.limit = tick;
         let cannot = RecordError::file("read", path);
         let magic = reader.read(0, MAGIC.len() as u64).map_err(&cannot)?;
         reader.at = MAGIC.len() as u64;
@@ -156,7 +150,6 @@ impl RecordReader {
             path: path.to_owned(),
             contents: contents.clone(),
             file,
-            part: 1,
             at: 0,
             chunk: Chunk::default(),
             next: 0,
@@ -165,36 +158,10 @@ impl RecordReader {
             damage: Vec::new(),
             is_ended: false,
             limit: u64::MAX,
-            cuts: None,
         })
     }
 
-    /// The tick from which on a later file has the messages of one.
-    fn limit_of(&self, number: u32) -> u64 {
-        let limits = limits(&self.path, &self.contents);
-        let limit = limits.get(number as usize - 1).copied();
-        limit.unwrap_or(u64::MAX)
-    }
-
-    /// The first tick of a file of a record, as it says; `None` of one without a first chunk.
-    pub(crate) fn begin_of(path: &Path, contents: &Contents) -> Option<u64> {
-        let mut reader = Self::on(path, contents).ok()?;
-        reader.at = MAGIC.len() as u64;
-        reader.take_chunk(true).ok()?.ok()?;
-        reader.chunk.from
-    }
-
-    /// Bytes of a file; 0 where there is none.
-    pub(crate) fn length_of(path: &Path) -> u64 {
-        std::fs::metadata(path).map_or(0, |file| file.len())
-    }
-
-    /// The cuts that have been read since the last call; from the first one on they are kept.
-    pub(crate) fn cuts(&mut self) -> Vec<Cut> {
-        self.cuts.replace(Vec::new()).unwrap_or_default()
-    }
-
-    /// A reader of one file from the first chunk among its last bytes on; `None` where there is no chunk.
+    /// A reader of a file from the first chunk among its last bytes on; `None` where there is no chunk.
     ///
     /// # Errors
     /// When it cannot be read.
@@ -205,7 +172,6 @@ impl RecordReader {
     ) -> Result<Option<Self>, RecordError> {
         let cannot = RecordError::file("read", path);
         let mut reader = Self::on(path, contents)?;
-        reader.part = u32::MAX;
         let from = reader.length().map_err(&cannot)?.saturating_sub(bytes);
         let Some(at) = reader.find_chunk(from).map_err(cannot)? else {
             return Ok(None);
@@ -216,7 +182,7 @@ impl RecordReader {
         Ok(Some(reader))
     }
 
-    /// The last messages of a file of a record, by channel, as far as its end has them.
+    /// The last messages of a record, by channel, as far as its end has them.
     ///
     /// # Errors
     /// When it cannot be read.
@@ -244,21 +210,23 @@ impl RecordReader {
                 self.note();
                 Ok(false)
             });
-            if !matches!(taken, Ok(true)) && !self.open_next() {
+            if !matches!(taken, Ok(true)) {
                 return None;
             }
         }
         let stored = &self.chunk.messages[self.next];
         self.next += 1;
         let bytes = &self.chunk.bytes[stored.bytes.clone()];
-        Some(if stored.channel < self.counts.len() {
-            Item::Message {
-                channel: stored.channel,
+        let tick = self.contents.tick_at(stored.time_ns);
+        Some(match stored.channel {
+            channel if channel < self.counts.len() => Item::Message {
+                channel,
                 message: bytes,
+            },
+            channel if channel == self.contents.extra()[2] => {
+                Item::Cut(Cut::read(tick, bytes).unwrap_or_default())
             }
-        } else {
-            let tick = self.contents.tick_at(stored.time_ns);
-            Item::Event(Event::read(tick, bytes).unwrap_or_default())
+            _ => Item::Event(Event::read(tick, bytes).unwrap_or_default()),
         })
     }
 
@@ -292,7 +260,7 @@ impl RecordReader {
         self.is_ended
     }
 
-    /// Whether the file in hand has the summary by which other programs find messages in it.
+    /// Whether the file has the summary by which other programs find messages in it.
     pub(crate) fn has_summary(&self) -> bool {
         let end = MAGIC.len() as u64;
         let read = self.length().and_then(|length| {
@@ -300,24 +268,6 @@ impl RecordReader {
             self.read(at, end)
         });
         read.is_ok_and(|bytes| bytes == MAGIC)
-    }
-
-    /// Number of the file in hand, from 1.
-    pub fn part(&self) -> u32 {
-        self.part
-    }
-
-    /// Goes on with the next file, if a replacement of the recorder has made one.
-    fn open_next(&mut self) -> bool {
-        let next = self.part.checked_add(1);
-        let Some(Ok(file)) = next.map(|next| files::open(&part(&self.path, next))) else {
-            return false;
-        };
-        (self.file, self.part, self.at) = (file, self.part + 1, MAGIC.len() as u64);
-        (self.chunk, self.next, self.is_ended) = (Chunk::default(), 0, false);
-        self.counts.fill(0);
-        self.limit = self.limit_of(self.part);
-        true
     }
 
     fn length(&self) -> io::Result<u64> {
@@ -441,11 +391,7 @@ impl RecordReader {
                             &data,
                         )?;
                     }
-                    Record::Channel(channel) => {
-                        self.check(&channel)?;
-                        let from = channel.metadata.get("from");
-                        chunk.from = from.and_then(|from| from.parse().ok());
-                    }
+                    Record::Channel(channel) => self.check(&channel)?,
                     _ => {}
                 },
             }
@@ -461,17 +407,13 @@ impl RecordReader {
         data: &[u8],
     ) -> Result<(), Refusal> {
         let (layouts, begin) = (self.contents.layouts(), chunk.bytes.len());
+        let [events, _, cuts] = self.contents.extra();
         let message = match layouts.get(channel) {
             Some(layout) => data
                 .strip_prefix(&CDR)
                 .filter(|message| message.len() == layout.bytes)
                 .ok_or(Refusal::Damaged)?,
-            None if channel == layouts.len() => data,
-            None if channel == self.contents.extra()[2] && self.cuts.is_some() => {
-                let cut = Cut::read(self.contents.tick_at(time_ns), data);
-                chunk.cuts.push(cut.ok_or(Refusal::Damaged)?);
-                return Ok(());
-            }
+            None if [events, cuts].contains(&channel) => data,
             None => return Ok(()),
         };
         chunk.bytes.extend_from_slice(message);
@@ -500,14 +442,12 @@ impl RecordReader {
     /// Takes in the messages of a chunk but for those that have come before, and notes that some are missing before it.
     fn admit(&mut self, mut chunk: Chunk) {
         let mut is_whole = true;
-        if let Some(cuts) = &mut self.cuts {
-            let valid = chunk.cuts.drain(..).filter(|cut| cut.tick <= self.limit);
-            cuts.extend(valid);
-        }
         let next = self.next_tick();
         chunk.messages.retain(|message| {
             let Some(count) = self.counts.get_mut(message.channel) else {
-                return self.contents.tick_at(message.time_ns) < self.limit;
+                let is_cut = message.channel == self.contents.extra()[2];
+                let tick = self.contents.tick_at(message.time_ns);
+                return tick < self.limit || is_cut && tick == self.limit;
             };
             let ahead = message.number.wrapping_sub(*count) as i32;
             let is_first = *count == FROM_ANYWHERE;

@@ -11,7 +11,6 @@ use shared_types::wire::Stamps;
 
 use crate::MESSAGES;
 use crate::contents::{Contents, tick_of};
-use crate::cut::Cut;
 use crate::error::RecordError;
 use crate::event::Event;
 use crate::hash::TopicHash;
@@ -125,7 +124,7 @@ impl Assembler {
         Self {
             accounts: accounts.collect(),
             rows: VecDeque::new(),
-            next: contents.from,
+            next: 0,
             expected,
         }
     }
@@ -221,9 +220,6 @@ pub struct Ticks {
     refused: Option<&'static str>,
 }
 
-const OTHER_RUN: &str = "is the record of another run";
-const DAMAGED: &str = "is damaged";
-
 impl Ticks {
     /// The ticks of a job's run from a record.
     ///
@@ -241,14 +237,10 @@ impl Ticks {
     /// [`RecordError`] if the file cannot be read or its messages are not this program's.
     pub fn open_left(path: &Path, job: &Job) -> Result<Self, RecordError> {
         let contents = Contents::of(job);
-        let refused = match RecordReader::open(path, &contents) {
-            Ok(record) => return Ok(Self::new(Some(record), &contents, None)),
-            Err(error) if error.is_absent() => None,
-            Err(RecordError::OtherRun { .. }) => Some(OTHER_RUN),
-            Err(RecordError::Damaged { .. }) => Some(DAMAGED),
-            Err(error) => return Err(error),
-        };
-        Ok(Self::new(None, &contents, refused))
+        match RecordReader::open(path, &contents) {
+            Ok(record) => Ok(Self::new(Some(record), &contents, None)),
+            Err(error) => Ok(Self::new(None, &contents, refusal(error)?)),
+        }
     }
 
     fn new(
@@ -264,50 +256,15 @@ impl Ticks {
         }
     }
 
-    /// The next tick; `each` is shown every message that is read on the way to it.
-    pub fn next_with(&mut self, mut each: impl FnMut(usize, &[u8])) -> Option<Box<Row>> {
-        loop {
-            if let Some(row) = self.assembler.next_row() {
-                return Some(row);
-            }
-            match self.record.as_mut().and_then(RecordReader::next_item) {
-                Some(Item::Message { channel, message }) => {
-                    self.assembler.take(channel, message);
-                    each(channel, message);
-                }
-                Some(Item::Event(event)) => self.events.push(event),
-                None => return self.assembler.rest(),
-            }
-        }
-    }
-
     /// The events that have been read since the last call; each has its tick.
     pub fn events(&mut self) -> impl Iterator<Item = Event> {
         self.events.drain(..)
     }
 
-    /// The cuts that have been read since the last call; from the first one on they are kept.
-    pub(crate) fn cuts(&mut self) -> Vec<Cut> {
-        self.record
-            .as_mut()
-            .map(RecordReader::cuts)
-            .unwrap_or_default()
-    }
-
-    /// The record, as far as it has been read.
-    pub fn record(&self) -> Option<&RecordReader> {
-        self.record.as_ref()
-    }
-
-    /// Its messages, as far as they have been read.
-    pub fn assembler(&self) -> &Assembler {
-        &self.assembler
-    }
-
     /// The ways in which the record, read to its end, is not as it was written or does not hold what a run's summary counts, where there is one: a clause
     /// for each. A topic that the summary does not name is left out of the comparison.
     pub fn damage(mut self, summary: Option<&Summary>) -> Vec<String> {
-        while self.next_with(|_, _| ()).is_some() {}
+        self.by_ref().for_each(drop);
         let clauses = self.damage_so_far();
         let accounts = self.assembler.accounts().iter();
         let expected = summary.map(|summary| &summary.topics);
@@ -332,17 +289,30 @@ impl Ticks {
     /// The damage as far as the record has been read, in words.
     pub fn damage_so_far(&self) -> Vec<String> {
         let read = self.record.as_ref().map_or(&[][..], RecordReader::damage);
-        let place = match read {
-            [] => None,
-            [tick] => Some(format!("{MESSAGES} is damaged at tick {tick}")),
-            [tick, ..] => Some(format!(
-                "{MESSAGES} is damaged in {} places, first at tick {tick}",
-                read.len()
-            )),
-        };
-        let place = place.map(|place| format!("{place}: what can be read there is used"));
         let refused = self.refused.map(|words| format!("{MESSAGES} {words}"));
-        place.into_iter().chain(refused).collect()
+        places(read).into_iter().chain(refused).collect()
+    }
+}
+
+/// The places at which a record is damaged, in words.
+pub(crate) fn places(damage: &[u64]) -> Option<String> {
+    let place = match damage {
+        [] => return None,
+        [tick] => format!("at tick {tick}"),
+        [tick, ..] => format!("in {} places, first at tick {tick}", damage.len()),
+    };
+    Some(format!(
+        "{MESSAGES} is damaged {place}: what can be read there is used"
+    ))
+}
+
+/// Why there is no record that can be read, where that is no error.
+pub(crate) fn refusal(error: RecordError) -> Result<Option<&'static str>, RecordError> {
+    match error {
+        error if error.is_absent() => Ok(None),
+        RecordError::OtherRun { .. } => Ok(Some("is the record of another run")),
+        RecordError::Damaged { .. } => Ok(Some("is damaged")),
+        error => Err(error),
     }
 }
 
@@ -350,6 +320,16 @@ impl Iterator for Ticks {
     type Item = Box<Row>;
 
     fn next(&mut self) -> Option<Box<Row>> {
-        self.next_with(|_, _| ())
+        loop {
+            if let Some(row) = self.assembler.next_row() {
+                return Some(row);
+            }
+            match self.record.as_mut().and_then(RecordReader::next_item) {
+                Some(Item::Message { channel, message }) => self.assembler.take(channel, message),
+                Some(Item::Event(event)) => self.events.push(event),
+                Some(Item::Cut(_)) => {}
+                None => return self.assembler.rest(),
+            }
+        }
     }
 }

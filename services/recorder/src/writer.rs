@@ -70,7 +70,7 @@ impl RecordWriter {
         })
     }
 
-    /// A record that begins with what an earlier one has before a tick: messages, and the words that the judge does not say again.
+    /// A record that begins with an earlier one.
     ///
     /// # Errors
     /// When it cannot be written.
@@ -78,22 +78,25 @@ impl RecordWriter {
         path: &Path,
         contents: &Contents,
         earlier: &mut RecordReader,
-        tick: u64,
     ) -> Result<Self, RecordError> {
         let mut writer = Self::create(path, contents)?;
         while let Some(item) = earlier.next_item() {
-            match item {
-                Item::Message { channel, message } if tick_of(message) < tick => {
-                    writer.append(channel, message)?
-                }
-                Item::Event(event) if event.tick < tick && event.source != Source::Judge => {
-                    writer.event(&event)?
-                }
-                _ => {}
-            }
+            writer.add(&item)?;
         }
-        writer.close_chunk()?;
         Ok(writer)
+    }
+
+    /// Adds a part of an earlier record, but for words that the judge says again.
+    ///
+    /// # Errors
+    /// See [`append`](Self::append).
+    pub(crate) fn add(&mut self, item: &Item<'_>) -> Result<(), RecordError> {
+        match item {
+            Item::Message { channel, message } => self.append(*channel, message),
+            Item::Event(event) if event.source == Source::Judge => Ok(()),
+            Item::Event(event) => self.event(event),
+            Item::Cut(cut) => self.cut(cut),
+        }
     }
 
     /// Adds a message, stamps included.
@@ -188,11 +191,7 @@ fn begin(file: &mut mcap::Writer<Pending>, contents: &Contents) -> Result<(), Mc
     }
     let mut channel = |topic: &str, layout: &str, [name, definition]: [&str; 2]| {
         let schema = file.add_schema(name, "ros2msg", definition.as_bytes())?;
-        let about = [
-            ("run", contents.run()),
-            ("layout", layout.to_owned()),
-            ("from", contents.from.to_string()),
-        ];
+        let about = [("run", contents.run()), ("layout", layout.to_owned())];
         let about = about.map(|(key, value)| (key.to_owned(), value));
         file.add_channel(schema, topic, "cdr", &BTreeMap::from(about))
     };

@@ -252,9 +252,3 @@ pub fn keep_memory() {
 const READY: usize = 6 << 20;
 /// A large page of memory, where there are such; bytes.
 const LARGE: usize = 2 << 20;
-
-/// Gives memory that has been freed back to the system: for a process that frees much at once and then needs little.
-pub fn give_back_memory() {
-    // SAFETY: it only looks through the allocator's own lists.
-    unsafe { libc::malloc_trim(0) };
-}

@@ -85,15 +85,6 @@ impl Rounds {
             report(shared, ticks);
         }
     }
-
-    /// Ticks that had begun before the round in hand.
-    pub(crate) fn ticks_begun(&self) -> u64 {
-        if let Round::From(ticks) = self.round.get() {
-            ticks
-        } else {
-            0
-        }
-    }
 }
 
 /// Tells all others that everything before so many ticks is taken in.

@@ -369,11 +369,6 @@ impl Shell {
         self.rounds.have_taken_in(&self.shared);
     }
 
-    /// For a polled process: ticks that had begun before the round in hand.
-    pub fn ticks_begun(&self) -> u64 {
-        self.rounds.ticks_begun()
-    }
-
     /// How time passes in this run.
     pub fn mode(&self) -> Mode {
         self.shared.manifest.mode
@@ -469,11 +464,6 @@ impl Shell {
     /// Whether the run is to stop.
     pub fn is_stopping(&self) -> bool {
         self.shared.is_stopping()
-    }
-
-    /// Whether the run stops early: nobody waits for further messages.
-    pub fn is_stopping_early(&self) -> bool {
-        self.shared.control_page.stop() == Stop::Early
     }
 
     /// One of this process's counts so far.

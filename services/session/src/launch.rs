@@ -183,28 +183,17 @@ fn newest_cut(job: &Job, faults: &FaultTable) -> Option<launcher::Begin> {
     (cut.tick > 0).then_some(cut)
 }
 
-/// The recorder's part of the summary, made from the record where a recorder was replaced or has left none.
+/// The recorder's part of the summary, made from the record where the recorder has left none.
 fn whole_account(job: &Job, account: Option<Summary>) -> Result<Option<Summary>, Failure> {
     let has_record = job.record && job.out.join(recorder::MESSAGES).exists();
-    if !has_record || account.is_some() && !recorder::is_in_parts(job) {
+    if account.is_some() || !has_record {
         return Ok(account);
     }
     let robot = Robot::from_source(&job.robot).map_err(Failure::work)?;
-    let mut whole = recorder::rebuild(&robot, job, account.is_some()).map_err(Failure::work)?;
-    let recorder = &mut whole.recorder;
-    match account {
-        // Messages that the last recorder missed may be in the files of the others.
-        Some(Summary { recorder: last, .. }) => {
-            recorder.lost = (last.lost + last.messages).saturating_sub(recorder.messages);
-            recorder.cpu_s = last.cpu_s;
-            recorder.error = joined([&last.error, &recorder.error]);
-        }
-        None => {
-            let none = "the recorder left no account of the run: this one is made from its record";
-            recorder.error = joined([none, &recorder.error]);
-        }
-    }
-    Ok(Some(whole))
+    let mut made = recorder::rebuild(&robot, job).map_err(Failure::work)?;
+    let none = "the recorder left no account of the run: this one is made from its record";
+    made.recorder.error = joined([none, &made.recorder.error]);
+    Ok(Some(made))
 }
 
 /// One start of all processes of a run, which has a directory of its own.

@@ -403,13 +403,12 @@ impl Origin {
             return Ok(Begin::default());
         }
         let (path, contents) = (job.out.join(MESSAGES), Contents::of(job));
-        let mut earlier =
-            RecordReader::open(&self.record, &Contents::of(&self.job)).map_err(Failure::input)?;
+        let earlier = RecordReader::open_before(&self.record, &Contents::of(&self.job), *tick);
         let cut = Cut {
             tick: *tick,
             processes: saved.clone(),
         };
-        RecordWriter::continuing(&path, &contents, &mut earlier, *tick)
+        RecordWriter::continuing(&path, &contents, &mut earlier.map_err(Failure::input)?)
             .and_then(|mut record| {
                 record.cut(&cut)?;
                 record.finish()

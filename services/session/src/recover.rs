@@ -34,7 +34,7 @@ pub fn recover(remains: Remains, observer: Observer<'_>) -> Result<Summary, Fail
     let Remains { results, job, .. } = remains;
     let folder = &results.folder;
     let robot = Robot::from_source(&job.robot).map_err(Failure::input)?;
-    let mut summary = recorder::rebuild(&robot, &job, false).map_err(Failure::work)?;
+    let mut summary = recorder::rebuild(&robot, &job).map_err(Failure::work)?;
     let page = left_in_shared_memory(&job.run);
     if !summary.completed {
         INTERRUPTED.clone_into(&mut summary.outcome);

@@ -338,7 +338,6 @@ fn is_result(name: &str) -> bool {
         || MADE_OF_IT.contains(&whole)
         || whole.starts_with(TABLE) && whole.ends_with(".csv")
         || whole == recorder::MESSAGES
-        || whole.starts_with("messages-") && whole.ends_with(".mcap")
         || whole
             .strip_suffix(".rbl")
             .is_some_and(|layout| Layout::ALL.iter().any(|one| one.name() == layout))

@@ -48,7 +48,7 @@ pub fn record(bytes: &[u8]) {
                 assert!(messages <= file.len() * 300 && flaws <= 2 * file.len() + 1);
                 let mut again = RecordReader::open(&path, &contents).expect("a record");
                 let copy = path.with_added_extension("copy");
-                RecordWriter::continuing(&copy, &contents, &mut again, u64::MAX)
+                RecordWriter::continuing(&copy, &contents, &mut again)
                     .and_then(RecordWriter::finish)
                     .expect("all that was read");
                 let mut copied = RecordReader::open(&copy, &contents).expect("a whole record");
