@@ -125,11 +125,11 @@ impl Launcher {
                 End::Interrupted { signal } => Some(signal),
                 _ => None,
             };
-            halt = started.stop_all(end, commands, &mut course.signals, report);
+            halt = started.stop_all(end, &mut course.signals, report);
             course.interrupted = signal.map(|signal| (signal, started.ticks()));
         }
         match halt {
-            Halt::RollBack => self.roll_back(began, commands, newest, report),
+            Halt::RollBack => self.roll_back(began, newest, report),
             Halt::End(end) => Ok(Ran::Ended(Box::new(self.finish(end, has_begun)))),
         }
     }
@@ -138,7 +138,6 @@ impl Launcher {
     fn roll_back(
         mut self,
         began: Instant,
-        commands: Commands<'_>,
         newest: Newest<'_>,
         report: Report<'_>,
     ) -> Result<Ran, LaunchError> {
@@ -153,7 +152,7 @@ impl Launcher {
             let end = End::Failed(failure);
             let (started, signals) = (&mut self.started, &mut self.course.signals);
             started.control_page.request_stop(Stop::Early);
-            started.stop_all(end.clone(), commands, signals, report);
+            started.stop_all(end.clone(), signals, report);
             return Ok(Ran::Ended(Box::new(self.finish(end, true))));
         }
         let mut fallen = std::mem::take(&mut self.started.fallen);

@@ -9,7 +9,7 @@ use rustix::process::Signal;
 use crate::delay::Delay;
 use crate::launch::Halt;
 use crate::outcome::{End, Failure};
-use crate::plan::{Commands, Event, Limits, Report, Restart};
+use crate::plan::{Event, Limits, Report, Restart};
 use crate::signals::Interrupts;
 use crate::spawn::{BEAT, Slot, Supervised};
 
@@ -33,12 +33,11 @@ impl Supervised {
     pub(crate) fn stop_all(
         &mut self,
         end: End,
-        commands: Commands<'_>,
         signals: &mut Interrupts,
         report: Report<'_>,
     ) -> Halt {
         report(Event::Stopping);
-        let late_failure = self.stop(end == End::Completed, commands, signals, report);
+        let late_failure = self.stop(end == End::Completed, signals, report);
         report(Event::Stopped);
         let is_polled = |index: usize| self.plan.children[index].process.polled;
         let lacks_record = self.fallen.iter().any(|one| is_polled(one.index));
@@ -52,12 +51,11 @@ impl Supervised {
     /// Stops the chain, then the polled processes; returns the first thing that went wrong meanwhile.
     ///
     /// A complete run has all its messages: of the chain nothing more is missing. Where a polled
-    /// process has died, or dies now, it is replaced in real time, and its replacement takes in the
-    /// remaining messages; in lockstep all processes start again.
+    /// process has died, or dies now, all processes start again in lockstep; in real time the record
+    /// ends with it.
     fn stop(
         &mut self,
         is_complete: bool,
-        commands: Commands<'_>,
         signals: &mut Interrupts,
         report: Report<'_>,
     ) -> Option<Failure> {
@@ -75,32 +73,25 @@ impl Supervised {
             is_patient,
         };
         self.control_page.request_stop(Stop::Chain);
-        let chain = self.stop_those(&ending(false, stop), commands, signals, report);
-        // From here on only polled processes are replaced.
-        self.slots
-            .0
-            .iter_mut()
-            .zip(&self.plan.children)
-            .filter(|(_, child)| !child.process.polled)
-            .for_each(|(slot, _)| slot.due = None);
+        let chain = self.stop_those(&ending(false, stop), signals, report);
+        // No process is replaced any more.
+        self.slots.0.iter_mut().for_each(|slot| slot.due = None);
         self.control_page.request_stop(if is_complete {
             Stop::Everything
         } else {
             Stop::Early
         });
-        let polled = self.stop_those(&ending(true, stop_polled), commands, signals, report);
+        let polled = self.stop_those(&ending(true, stop_polled), signals, report);
         chain.or(polled)
     }
 
-    /// Whether the unrequested end of a process at the end of a run costs nothing: it is replaced,
-    /// or the run is complete and it had nothing more to do. In an incomplete run, a polled process
-    /// is replaced if it was killed by a signal that the launcher did not send; `insists`: the
-    /// launcher sent one.
+    /// Whether the unrequested end of a process at the end of a run is not its failure: the run is
+    /// complete and it had nothing more to do, or it is a polled process, killed by a signal that the
+    /// launcher did not send; `insists`: the launcher sent one.
     fn is_excused(&mut self, index: usize, is_complete: bool, insists: bool) -> bool {
-        let exit = self.slots.0[index].exit;
+        let (exit, child) = (self.slots.0[index].exit, &self.plan.children[index]);
+        let (is_polled, is_killed) = (child.process.polled, matches!(exit, Some(Exit::Signal(_))));
         if self.plan.mode == Mode::Lockstep {
-            let is_polled = self.plan.children[index].process.polled;
-            let is_killed = matches!(exit, Some(Exit::Signal(_)));
             let is_excused =
                 !insists && (is_complete && is_polled || is_killed && (is_complete || is_polled));
             if is_excused {
@@ -108,14 +99,11 @@ impl Supervised {
             }
             return is_excused;
         }
-        match self.plan.children[index].process.polled {
-            true => {
-                (is_complete || !insists && matches!(exit, Some(Exit::Signal(_))))
-                    && self.plan_restart(index).is_ok()
-            }
+        match is_polled {
+            true => is_complete || !insists && is_killed,
             false => {
-                let is_replaceable = self.plan.children[index].restart != Restart::Never;
-                is_complete && is_replaceable && exit == Some(Exit::Signal(Signal::KILL.as_raw()))
+                let by_kill = exit == Some(Exit::Signal(Signal::KILL.as_raw()));
+                is_complete && by_kill && child.restart != Restart::Never
             }
         }
     }
@@ -136,7 +124,6 @@ impl Supervised {
     fn stop_those(
         &mut self,
         ending: &Ending,
-        commands: Commands<'_>,
         signals: &mut Interrupts,
         report: Report<'_>,
     ) -> Option<Failure> {
@@ -161,7 +148,7 @@ impl Supervised {
         for signal in [Signal::CONT, Signal::TERM] {
             self.signal(&concerned, signal);
             let (begun, is_last) = (Instant::now(), signal == Signal::TERM);
-            while (self.any_lives(&concerned) || polled && self.any_is_due(&concerned))
+            while self.any_lives(&concerned)
                 && (begun.elapsed() < limit || is_patient && is_last)
                 && !(begun.elapsed() > TO_JOIN && self.only_strangers_live(&concerned))
             {
@@ -175,9 +162,6 @@ impl Supervised {
                 for index in self.take_in_exits(report) {
                     self.judge_end(index, (is_complete, is_last), &mut failure);
                 }
-                if polled && let Some(failed) = self.start_again(commands, report) {
-                    failure.get_or_insert(failed);
-                }
                 // A second Ctrl-C: no more patience.
                 if signals.pending().is_some() {
                     break;
@@ -185,9 +169,6 @@ impl Supervised {
             }
         }
         for &index in &concerned {
-            if polled && self.slots.0[index].due.is_some() && failure.is_none() {
-                failure = Some(self.died(index, 0));
-            }
             self.end_by_force(index, limit, &mut failure);
         }
         self.take_in_exits(report);
@@ -239,12 +220,6 @@ impl Supervised {
                 self.slots.0[index].restarts == 0
                     && self.control_page.process(index).state() == State::Starting
             })
-    }
-
-    fn any_is_due(&self, concerned: &[usize]) -> bool {
-        concerned
-            .iter()
-            .any(|&index| self.slots.0[index].due.is_some())
     }
 
     fn any_lives(&self, concerned: &[usize]) -> bool {

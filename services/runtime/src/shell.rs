@@ -22,7 +22,7 @@ use crate::bus::{format::Format, node::join, port::Receiver};
 use crate::checkpoint::StateCell;
 use crate::clock::now_ns;
 use crate::context::{Attached, Connect, Context, FaultState, RECORDER_LAG, StopFlag};
-use crate::control_page::{ControlPage, ControlPageError, Count, Patience, Stop, Watchdog};
+use crate::control_page::{ControlPage, ControlPageError, Count, Patience, Watchdog};
 use crate::disturbance::{self, Pauses};
 use crate::fault::table::FaultTable;
 use crate::look_out::LookOut;
