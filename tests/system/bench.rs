@@ -39,20 +39,10 @@ fn hops_and_cycles_are_measured_beside_their_floors() {
         }
     };
     let all = ["futex", "pipe", "iceoryx2 + doorbell", "topic + doorbell"];
-    has(
-        "cycle",
-        &["futex", "topic + doorbell", "pipe"],
-        &[Value::Null],
-    );
     // The real topic beside the same messages bare.
     let messages = size_of::<SensorSample>().midpoint(size_of::<PlantState>());
-    has("hop", &all, &[messages, 64, 1024, 4096].map(Value::from));
-    let large = if said.err.contains("left out") {
-        &all[..3]
-    } else {
-        &all
-    };
-    has("hop", large, &[16_384, 262_144, 4_194_304].map(Value::from));
+    has("cycle", &all, &[Value::Null]);
+    has("hop", &all, &[messages.into()]);
     let steps = ["controller, seven-joints", "whole tick, seven-joints"];
     has("steps", &steps, &[Value::Null]);
     for row in rows {
@@ -70,15 +60,11 @@ fn hops_and_cycles_are_measured_beside_their_floors() {
 #[test]
 fn only_the_rows_asked_for_are_measured_with_their_floor() {
     let desk = Desk::new();
-    let only = |bytes| {
-        format!("bench hop cycle --samples 1000 --only topic --only 'same core' --only {bytes}")
-    };
-    let json = desk.json(&only("4096"));
+    let only = |word| format!("bench hop cycle --samples 1000 --only topic --only {word}");
+    let json = desk.json(&only("'not pinned'"));
     let rows = json["rows"].list().iter();
-    let rows: Vec<_> = rows
-        .map(|row| (row["mechanism"].text(), row["payload_bytes"].count()))
-        .collect();
-    assert_eq!(rows, [("futex", 4096), ("topic + doorbell", 4096)]);
+    let rows: Vec<_> = rows.map(|row| row["mechanism"].text()).collect();
+    assert_eq!(rows, ["futex", "topic + doorbell"]);
     desk.refuses(2, &only("4097"), "4097");
 }
 

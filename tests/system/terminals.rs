@@ -156,7 +156,7 @@ fn every_table_and_live_line_fits_the_terminal() {
         "compare sweep --count 6 --out OUT",
         "compare sweep --robot ur5 --count 1 --out OUT",
         "bench steps",
-        "bench hop --samples 1000 --only 4096",
+        "bench hop --samples 1000 --only topic",
     ] {
         fits(&desk, args, ["", ""], Shows::Results);
     }

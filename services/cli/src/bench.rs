@@ -19,7 +19,7 @@ pub(crate) struct BenchArgs {
     /// Samples per hop and cycle.
     #[arg(long, value_name = "N", default_value_t = 20_000, value_parser = clap::value_parser!(u64).range(1000..=10_000_000))]
     samples: u64,
-    /// Only the rows of `hop` and `cycle` that match every word or number of bytes, with their baseline: --only 4096 --only "same core".
+    /// Only the rows of `hop` and `cycle` that match every word or number of bytes, with their baseline: --only topic --only "same core".
     #[arg(long, value_name = "WORD")]
     only: Vec<String>,
     /// Another build of armplane for `lockstep` to alternate with.
@@ -65,7 +65,7 @@ struct Measured {
 pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure> {
     if args.only.iter().any(|word| word.trim().is_empty()) {
         return Err(Failure::input(
-            "--only needs a word or a number of bytes, as in --only \"same core\" --only 4096",
+            "--only needs a word or a number of bytes, as in --only \"same core\" --only topic",
         ));
     }
     let out = args.out.as_deref();

@@ -60,7 +60,6 @@ pub use bus::depth::{CHAIN_DEPTH, RECORDER_DEPTH};
 pub use bus::error::TopicError;
 pub use bus::hub::Hub;
 pub use bus::reader::Reader;
-pub use bus::topic::topic_bytes;
 pub use bus::writer::{Loan, SendError, Writer};
 pub use checkpoint::StateCell;
 pub use clock::{now_ns, sleep_until};
@@ -78,7 +77,7 @@ pub use joined::{About, Input, Joined, JoinedError, MOST_STATE, Output, past_of}
 pub use manifest::{Disturbance, ForeignMessage, Manifest, ManifestError, Process};
 pub use process::{CUT_TICKS, NamedSaved, Saved};
 pub use reserved::{release_reserve, reserve, write_reserved};
-pub use run_dir::{FoundRun, RunDir, RunDirError, SHM, free_bytes};
+pub use run_dir::{FoundRun, RunDir, RunDirError, SHM};
 pub use saving::leave;
 pub use shared_types::job::Mode;
 pub use shared_types::process::MAX_PROCESSES;

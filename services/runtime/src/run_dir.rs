@@ -328,7 +328,7 @@ impl Drop for RunDir {
 }
 
 /// Bytes free in shared memory; none if there is no such file system, which the first file says better.
-pub fn free_bytes() -> u64 {
+fn free_bytes() -> u64 {
     rustix::fs::statvfs(SHM).map_or(u64::MAX, |space| {
         space.f_bavail.saturating_mul(space.f_frsize)
     })

@@ -1,12 +1,12 @@
 //! Hand-overs between processes: half a round trip between two, and once around four.
 
 use runtime::realtime::allowed_cores;
-use session::{Failure, Observer, Progress};
+use session::{Failure, Observer};
 use shared_types::topics::CHAIN;
 use shared_types::{Message, PlantState, SensorSample, SingularityReport, TorqueCommand};
 
 use super::ring::Ring;
-use super::transports::{BLOCKS, Kind, Mechanism};
+use super::transports::{Kind, Mechanism};
 use super::{Distribution, Row};
 
 /// A choice among the rows: each word must be the number of bytes, or occur in the row's bench, placement or mechanism.
@@ -31,9 +31,6 @@ impl Only<'_> {
         chosen
     }
 }
-
-/// From here on a pipe needs so long for its copies that a tenth of the samples must do; bytes.
-const LARGE: usize = 65_536;
 
 /// Trips of a round: long enough to be in the steady state, short enough to see the same machine as the other mechanisms.
 const TRIPS: u64 = 500;
@@ -78,18 +75,11 @@ fn bytes_of(topics: &[&str]) -> usize {
 /// # Errors
 /// A process fails, or the machine refuses memory.
 pub fn hop(samples: u64, only: &Only<'_>, observer: Observer<'_>) -> Result<Vec<Row>, Failure> {
-    let pairs = PAIRS.map(|topics| (bytes_of(&topics) / 2, topics));
-    let sizes: Vec<_> = BLOCKS.iter().copied().chain(pairs).collect();
     let mut rows = Vec::new();
     for (placement, cores) in placements(2) {
-        for (bytes, topics) in &sizes {
-            let samples = if *bytes > LARGE {
-                samples.div_ceil(10).max(2 * TRIPS)
-            } else {
-                samples
-            };
-            let key = ("hop", placement, *bytes, 2.0);
-            rows.extend(measure(key, topics, &cores, samples, only, observer)?);
+        for topics in PAIRS {
+            let key = ("hop", placement, bytes_of(&topics) / 2, 2.0);
+            rows.extend(measure(key, &topics, &cores, samples, only, observer)?);
         }
     }
     Ok(rows)
@@ -117,15 +107,7 @@ fn measure(
     only: &Only<'_>,
     observer: Observer<'_>,
 ) -> Result<Vec<Row>, Failure> {
-    let mut mechanisms = only.choose(bench, placement, bytes);
-    let needed = runtime::topic_bytes(bytes) * topics.len() as u64;
-    if needed > runtime::free_bytes() {
-        mechanisms.retain(|one| *one != Mechanism::Topic);
-        let needed = needed.div_ceil(1_000_000);
-        observer(Progress::Line(&format!(
-            "left out: topics of {bytes} bytes, which need {needed} MB of shared memory"
-        )));
-    }
+    let mechanisms = only.choose(bench, placement, bytes);
     if mechanisms.is_empty() {
         return Ok(Vec::new());
     }

@@ -52,12 +52,11 @@ impl Ring {
             ends_run: index == 0,
             restart: Restart::Never,
         });
-        let foreign = |topic: &String| Kind::named(topic)?.foreign();
         let plan = Plan {
             mode: Mode::Lockstep,
             rate_hz: 1000,
             children: children.collect(),
-            messages: self.topics.iter().filter_map(foreign).collect(),
+            messages: Vec::new(),
             limits: Limits {
                 // None of them has anything to finish.
                 stop: Duration::from_millis(100),

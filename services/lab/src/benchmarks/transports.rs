@@ -14,14 +14,13 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use iceoryx2::prelude::*;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
-use runtime::{DoorbellPort, ForeignMessage, ProcessError, Shell};
+use runtime::{DoorbellPort, ProcessError, Shell};
 use rustix::fs::{CWD, Mode};
 use rustix::mm::{MapFlags, ProtFlags, mmap};
 use rustix::thread::futex;
 use serde::{Deserialize, Serialize};
 use shared_types::Message;
 use shared_types::topics::{Each, Topic, named};
-use shared_types::wire::{Header, wire};
 
 /// How a message gets to the next process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -67,87 +66,27 @@ pub(super) struct Place {
 
 /// A message as data, with the ends of its topic.
 pub(super) struct Kind {
-    topic: &'static str,
-    type_name: &'static str,
     pub(super) bytes: usize,
-    hash: u64,
-    is_block: bool,
-    sender: fn(&Shell, bool) -> Result<Send, ProcessError>,
+    sender: fn(&Shell) -> Result<Send, ProcessError>,
     receiver: fn(&Shell) -> Result<Receive, ProcessError>,
 }
 
 impl Kind {
-    fn of<M: Message>(is_block: bool) -> Self {
-        Self {
-            topic: M::TOPIC,
-            type_name: M::TYPE_NAME,
-            bytes: size_of::<M>(),
-            hash: M::layout_hash(),
-            is_block,
-            sender: sender::<M>,
-            receiver: receiver::<M>,
-        }
-    }
-
-    /// The message of a topic: a block, or one of armplane's.
+    /// The message of a topic.
     pub(super) fn named(topic: &str) -> Option<Self> {
         struct Find;
         impl Each for Find {
             type Output = Kind;
             fn each<M: Topic>(&mut self) -> Kind {
-                Kind::of::<M>(false)
+                Kind {
+                    bytes: size_of::<M>(),
+                    sender: sender::<M>,
+                    receiver: receiver::<M>,
+                }
             }
         }
-        let block = blocks()
-            .into_iter()
-            .flatten()
-            .find(|kind| kind.topic == topic);
-        block.or_else(|| named(topic, &mut Find))
+        named(topic, &mut Find)
     }
-
-    /// The entry of a block in a plan, which does not know it otherwise.
-    pub(super) fn foreign(&self) -> Option<ForeignMessage> {
-        self.is_block.then(|| ForeignMessage {
-            topic: self.topic.into(),
-            type_name: self.type_name.into(),
-            bytes: self.bytes,
-            hash: self.hash,
-        })
-    }
-
-    /// The bytes that are written and read: of a block its header only.
-    fn touched(&self) -> usize {
-        if self.is_block {
-            size_of::<Header>()
-        } else {
-            self.bytes
-        }
-    }
-}
-
-macro_rules! blocks {
-    ($($bytes:literal $words:expr, $there:ident $there_topic:literal, $back:ident $back_topic:literal;)*) => {
-        $(
-            wire! { $there on $there_topic version 1 { header: Header, rest: [u64; $words] } }
-            wire! { $back on $back_topic version 1 { header: Header, rest: [u64; $words] } }
-        )*
-        /// Bytes of the blocks; the smallest is smaller than a header and comes on top of it.
-        pub(super) const BLOCKS: &[(usize, [&str; 2])] = &[$(($bytes, [$there_topic, $back_topic])),*];
-
-        fn blocks() -> Vec<[Kind; 2]> {
-            vec![$([Kind::of::<$there>(true), Kind::of::<$back>(true)]),*]
-        }
-    };
-}
-
-const HEADER_WORDS: usize = size_of::<Header>() / 8;
-blocks! {
-    64 8, Forth64 "block-64-there", Back64 "block-64-back";
-    1024 128 - HEADER_WORDS, Forth1024 "block-1024-there", Back1024 "block-1024-back";
-    4096 512 - HEADER_WORDS, Forth4096 "block-4096-there", Back4096 "block-4096-back";
-    16_384 2048 - HEADER_WORDS, Forth16384 "block-16384-there", Back16384 "block-16384-back";
-    262_144 32_768 - HEADER_WORDS, Forth262144 "block-262144-there", Back262144 "block-262144-back";
-    4_194_304 524_288 - HEADER_WORDS, Forth4194304 "block-4194304-there", Back4194304 "block-4194304-back";
 }
 
 pub(super) fn stopped() -> ProcessError {
@@ -179,7 +118,7 @@ pub(super) fn open(
     let [reads, writes] = kinds;
     match mechanism {
         Mechanism::Topic => Ok(Ends {
-            send: (writes.sender)(shell, writes.is_block)?,
+            send: (writes.sender)(shell)?,
             receive: (reads.receiver)(shell)?,
         }),
         Mechanism::Bare => bare(shell, place, kinds),
@@ -188,16 +127,9 @@ pub(super) fn open(
     }
 }
 
-fn sender<M: Message>(shell: &Shell, is_block: bool) -> Result<Send, ProcessError> {
+fn sender<M: Message>(shell: &Shell) -> Result<Send, ProcessError> {
     let mut writer = shell.writer::<M>()?;
-    Ok(Box::new(move |number| {
-        let loan = if is_block {
-            writer.loan_as_is(number)?
-        } else {
-            writer.loan(number)?
-        };
-        Ok(loan.send()?)
-    }))
+    Ok(Box::new(move |number| Ok(writer.loan(number)?.send()?)))
 }
 
 fn receiver<M: Message>(shell: &Shell) -> Result<Receive, ProcessError> {
@@ -243,8 +175,8 @@ fn futex(run: &Path, place: Place, [reads, writes]: &[Kind; 2]) -> std::io::Resu
         }
     };
     let (inbox, outbox) = (map(place.from)?, map(place.me)?);
-    let (mut out, mut seen) = (vec![0; writes.touched().min(LARGEST)], 0);
-    let mut message = vec![0; reads.touched().min(LARGEST)];
+    let (mut out, mut seen) = (vec![0; writes.bytes.min(LARGEST)], 0);
+    let mut message = vec![0; reads.bytes.min(LARGEST)];
     Ok(Ends {
         send: Box::new(move |number| {
             out[..8].copy_from_slice(&number.to_ne_bytes());
@@ -308,13 +240,13 @@ fn bare(shell: &Shell, place: Place, [reads, writes]: &[Kind; 2]) -> Result<Ends
         .subscriber_builder()
         .create()
         .map_err(refused)?;
-    let (bytes, touched, reads) = (writes.bytes, writes.touched(), reads.touched());
+    let (bytes, reads) = (writes.bytes, reads.bytes);
     Ok(Ends {
         send: Box::new(move |number| {
             let sample = publisher.loan_slice_uninit(bytes).map_err(refused)?;
             // SAFETY: the memory is a mapped file, whose bytes are those of an earlier payload or zero.
             let mut sample = unsafe { sample.assume_init() };
-            let payload = &mut sample.payload_mut()[..touched];
+            let payload = sample.payload_mut();
             payload.fill(0);
             payload[..8].copy_from_slice(&number.to_ne_bytes());
             sample.send().map_err(refused)?;

@@ -18,17 +18,10 @@ use crate::bus::port::{Bytes, NoHeader, Receiver, Sender};
 const MAX_BORROWED: usize = 4;
 /// Readers beyond those that the graph names: two for tools that look at a topic from outside. A writer walks over all places
 /// several times per message.
-pub(crate) const MORE_READERS: usize = 2;
+const MORE_READERS: usize = 2;
 /// The living writer, and the dead one until it has been cleaned up.
 const MAX_WRITERS: usize = 2;
 const WIRE_ATTRIBUTE: &str = "armplane.wire";
-
-/// Most shared memory of a topic with one reader, for messages of a size: as many as readers may
-/// leave unread and hold, and its history.
-pub const fn topic_bytes(message_bytes: usize) -> u64 {
-    ((1 + MORE_READERS) * (depth(message_bytes) + MAX_BORROWED) * message_bytes
-        + depth(message_bytes) * message_bytes) as u64
-}
 
 /// A topic of the run, made by the launcher and opened by the processes that the graph names.
 pub(crate) struct Topic {
