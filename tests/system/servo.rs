@@ -50,42 +50,6 @@ fn a_file_steers_the_arm_and_its_saved_scenario_gives_the_same_bytes() {
     assert_eq!(said.out.matches(" 1 × ").count(), 2, "{}", said.out);
 }
 
-/// A hand is turned until joint 7 of a Panda is at its limit, and on.
-#[test]
-fn at_a_limit_and_after_the_end_the_arm_rests() {
-    let desk = Desk::new();
-    let posture_after = |seconds: u32, settle_s: f64| -> Vec<f64> {
-        let text = format!(
-            "# armplane targets 1, length mm\n0, twist, hand, 60, 0 0 0 0.5 0.5 1\n{seconds}, end\n"
-        );
-        desk.file("targets.csv", text);
-        let args =
-            format!("servo panda --from targets.csv --set settle_s={settle_s} --out r --json");
-        let summary = desk.armplane(&args).json();
-        let seconds = &summary["servo"]["seconds"];
-        let mut reasons = seconds.as_object().expect("reasons").iter();
-        assert!(
-            reasons.any(|(reason, seconds)| reason.contains("joint 7") && seconds.number() > 1.0),
-            "{seconds}"
-        );
-        summary["joints"]["q_end"]
-            .list()
-            .iter()
-            .map(Value::number)
-            .collect()
-    };
-    let rested = posture_after(6, 0.5);
-    for (seconds, settle_s) in [(9, 0.5), (6, 3.0)] {
-        let later = posture_after(seconds, settle_s);
-        let pairs = rested.iter().zip(&later);
-        let moved = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-        assert!(
-            later.len() == 7 && moved < 1e-3,
-            "{seconds} s, {settle_s} s: a joint moved by {moved} rad: {rested:?}, {later:?}"
-        );
-    }
-}
-
 /// A session that is steered by the lines of its standard input.
 fn steered(desk: &Desk, args: &str) -> (Child, ChildStdin) {
     let mut command = desk.command(&format!("servo {args} --out one --json"));

@@ -4,39 +4,36 @@ use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
-use bytemuck::{bytes_of, bytes_of_mut};
+use bytemuck::{from_bytes, from_bytes_mut, pod_read_unaligned};
 use model::Robot;
-use process::{Flow, Inputs, Outputs, Scratch, Step};
+use process::{Flow, Inputs, Outputs, Packed, Port, Scratch, Step};
 use shared_types::process::Program;
-use shared_types::scenario::{Scenario, Strategy};
+use shared_types::scenario::{PlantModel, Scenario, Strategy};
+use shared_types::topics::{Each, Topic, named};
 use shared_types::wire::Part;
-use shared_types::{
-    AnalyzerCheckpoint, Checkpoint, ControlState, ControllerCheckpoint, EstimatorCheckpoint,
-    Layout, Message, ServoState, SingularityReport, StateEstimate, Target, TorqueCommand,
-};
-use xxhash_rust::xxh3::xxh3_64;
+use shared_types::{Message, SensorSample, Target, TorqueCommand};
 
 use super::input::{Bytes, Hand, numbers};
 
-/// An arm with its task, under a control law, and the processes that know them: to plan a path takes long, to begin anew from the first state does
-/// not. A process that goes on from a state is one that was started again, as far as any message shows.
-struct Case {
-    robot: Robot,
-    scenario: Scenario,
-    estimator: RefCell<Begun>,
-    analyzer: RefCell<Begun>,
-    controller: RefCell<Begun>,
-}
+/// The steps in the order of the data.
+const CHAIN: [Program; 4] = [
+    Program::Plant,
+    Program::Estimator,
+    Program::Analyzer,
+    Program::Controller,
+];
 
-/// A step, and its state before the first tick.
+/// The last message of each topic.
+type Messages = BTreeMap<&'static str, Packed>;
+
+/// A step that begins anew from its first state: to plan a path takes long, to begin anew does not.
 struct Begun {
     first: Vec<u8>,
     step: Box<dyn Step>,
     scratch: Scratch,
+    /// It has been told nothing since its beginning that it need not have an answer to.
+    is_sane: bool,
 }
-
-/// Bytes before a saved state: its layout and its checksum.
-const HEAD: usize = 16;
 
 impl Begun {
     fn of(program: Program, robot: &Robot, scenario: &Scenario) -> Option<Self> {
@@ -46,84 +43,48 @@ impl Begun {
             first,
             step,
             scratch: Scratch::default(),
+            is_sane: true,
         })
     }
 
     fn restart(&mut self) {
         self.step.restore(&self.first).expect("its own state");
+        self.is_sane = true;
     }
 
-    /// Goes on from a state that was saved whole and means this.
-    fn restore(&mut self, state: &impl Checkpoint) {
-        let mut saved = self.first[..HEAD].to_vec();
-        saved[HEAD / 2..].copy_from_slice(&xxh3_64(bytes_of(state)).to_le_bytes());
-        saved.extend_from_slice(bytes_of(state));
-        self.step.restore(&saved).expect("of its layout");
+    fn lacks(&self, messages: &Messages) -> bool {
+        let mut needed = self.step.reads().iter().filter(|port| port.is_needed);
+        needed.any(|port| !messages.contains_key(port.topic))
     }
 
-    fn saved<C: Checkpoint>(&self) -> C {
-        let mut saved = Vec::new();
-        self.step.save(&mut saved);
-        bytemuck::pod_read_unaligned(&saved[HEAD..])
-    }
-
-    /// One tick from one message to another.
-    fn answer<I: Message, O: Message>(
-        &mut self,
-        tick: u64,
-        input: Option<&I>,
-        out: &mut O,
-    ) -> Flow {
+    /// Its outputs of a tick.
+    fn answer(&mut self, tick: u64, messages: &Messages) -> (Flow, Vec<(&'static Port, Packed)>) {
         let mut inputs = Inputs::of(tick, &[]);
-        input
-            .into_iter()
-            .for_each(|input| inputs.add(I::TOPIC, bytes_of(input)));
-        let mut outputs = Outputs::new(&mut self.scratch);
-        outputs.add(O::TOPIC, bytes_of_mut(out));
-        self.step.step(&inputs, &mut outputs)
-    }
-
-    /// The controller's step, as the process makes it: towards a target where the arm is steered.
-    fn control(
-        &mut self,
-        scenario: &Scenario,
-        (estimate, report, target): (&StateEstimate, &SingularityReport, Option<&Target>),
-        (servo, state, command): (&mut ServoState, &mut ControlState, &mut TorqueCommand),
-    ) {
-        let mut inputs = Inputs::of(estimate.header.tick, &[]);
-        inputs.add(StateEstimate::TOPIC, bytes_of(estimate));
-        inputs.add(SingularityReport::TOPIC, bytes_of(report));
-        target
-            .into_iter()
-            .for_each(|target| inputs.add(Target::TOPIC, bytes_of(target)));
-        let mut outputs = Outputs::new(&mut self.scratch);
-        if scenario.servo.is_some() {
-            outputs.add(ServoState::TOPIC, bytes_of_mut(servo));
+        for port in self.step.reads() {
+            if let Some(message) = messages.get(port.topic) {
+                inputs.add(port.topic, message.bytes());
+                // The controller answers any finite request of a person.
+                self.is_sane &= port.topic == Target::TOPIC || is_sane(port.topic, message);
+            }
         }
-        outputs.add(ControlState::TOPIC, bytes_of_mut(state));
-        outputs.add(TorqueCommand::TOPIC, bytes_of_mut(command));
-        let _ = self.step.step(&inputs, &mut outputs);
+        let zero = |port: &'static Port| (port, Packed::of(&vec![0; port.bytes]));
+        let mut sent: Vec<_> = self.step.writes().iter().map(zero).collect();
+        let mut outputs = Outputs::new(&mut self.scratch);
+        for (port, message) in &mut sent {
+            outputs.add(port.topic, message.bytes_mut());
+        }
+        let flow = self.step.step(&inputs, &mut outputs);
+        let heads = sent.iter_mut().map(|(_, message)| message.header_mut());
+        heads.for_each(|header| header.tick = tick);
+        (flow, sent)
     }
 }
 
-impl Case {
-    /// Where arm and law fit.
-    fn new(robot: Robot, scenario: Scenario) -> Option<Self> {
-        let of = |program| Begun::of(program, &robot, &scenario).map(RefCell::new);
-        let (estimator, analyzer, controller) = (
-            of(Program::Estimator)?,
-            of(Program::Analyzer)?,
-            of(Program::Controller)?,
-        );
-        of(Program::Plant)?;
-        Some(Self {
-            robot,
-            scenario,
-            estimator,
-            analyzer,
-            controller,
-        })
-    }
+/// An arm with its task, under a control law, and the steps that know them.
+struct Case {
+    robot: Robot,
+    is_steered: bool,
+    chain: RefCell<Vec<Begun>>,
 }
 
 /// By scenario, law and analysis; `None` where arm and law do not fit.
@@ -149,9 +110,14 @@ fn case(scenario: u8, law: u8, numeric: bool) -> Option<Rc<Case>> {
             scenario.control.strategy = Strategy::ALL[law];
             scenario.analysis.numeric = numeric;
             // The exact integrator: quick to make, and what happens to the arm is the same.
-            scenario.plant.model = shared_types::scenario::PlantModel::Reference;
+            scenario.plant.model = PlantModel::Reference;
             let robot = Robot::builtin(&scenario.robot).expect("built in");
-            Case::new(robot, scenario).map(Rc::new)
+            let begun = CHAIN.map(|program| Begun::of(program, &robot, &scenario));
+            Some(Rc::new(Case {
+                chain: RefCell::new(begun.into_iter().collect::<Option<_>>()?),
+                robot,
+                is_steered: scenario.servo.is_some(),
+            }))
         };
         cases
             .entry((place, law, numeric))
@@ -172,268 +138,137 @@ fn is_safe(tau: &[f64], robot: &Robot, who: &str) {
     assert!(tau[robot.joints.len()..].iter().all(|tau| *tau == 0.0));
 }
 
+/// Asserts that the torques in a message are.
+fn holds_safe_torques(port: &Port, message: &Packed, robot: &Robot) {
+    match port.topic {
+        TorqueCommand::TOPIC => {
+            let command: &TorqueCommand = from_bytes(message.bytes());
+            is_safe(&command.tau, robot, "controller");
+        }
+        SensorSample::TOPIC => {
+            let sample: &SensorSample = from_bytes(message.bytes());
+            is_safe(&sample.tau_drive, robot, "drive");
+        }
+        _ => {}
+    }
+}
+
 /// For any input, tick after tick, the controller's torque is finite and within the limits: messages of any bits, every arm and law.
 pub fn controller(bytes: &[u8]) {
     let mut hand = Hand(bytes);
     let Some(case) = case(hand.byte(), hand.byte(), hand.byte() & 1 != 0) else {
         return;
     };
-    let Case {
-        robot, scenario, ..
-    } = &*case;
-    let step = &mut *case.controller.borrow_mut();
-    step.restart();
+    let controller = &mut case.chain.borrow_mut()[3];
+    controller.restart();
     let mut bytes = Bytes(hand.0);
-    let (mut servo, mut state, mut command) =
-        <(ServoState, ControlState, TorqueCommand)>::default();
-    let mut target: Option<Target> = None;
     for tick in 0..4 {
-        let (mut estimate, mut report): (StateEstimate, SingularityReport) =
-            (bytes.next(), bytes.next());
-        (estimate.header.tick, report.header.tick) = (tick, tick);
-        if scenario.servo.is_some() {
-            target = Some(bytes.next());
+        let mut messages = Messages::new();
+        for port in controller.step.reads() {
+            if port.is_needed || case.is_steered {
+                let mut message = Packed::of(&vec![0; port.bytes]);
+                bytes.fill(message.bytes_mut());
+                message.header_mut().tick = tick;
+                messages.insert(port.topic, message);
+            }
         }
-        step.control(
-            scenario,
-            (&estimate, &report, target.as_ref()),
-            (&mut servo, &mut state, &mut command),
-        );
-        is_safe(&command.tau, robot, "controller");
-        assert_eq!(command.header.tick, tick);
-    }
-    step.restore(&bytes.next::<ControllerCheckpoint>());
-    step.control(
-        scenario,
-        (&bytes.next(), &bytes.next(), target.as_ref()),
-        (&mut servo, &mut state, &mut command),
-    );
-    is_safe(&command.tau, robot, "restored controller");
-}
-
-/// Numbers within what a fault's amount may be: what is larger no process need have an answer to.
-fn is_sane<M: Layout>(message: &M) -> bool {
-    let bytes = bytemuck::bytes_of(message);
-    numbers::<M>()
-        .into_iter()
-        .all(|at| bytemuck::pod_read_unaligned::<f64>(&bytes[at..at + 8]).abs() <= 1e12)
-}
-
-/// A process of the chain, and what a run would do about it: an output that is not finite ends it, and its replacement goes on from the
-/// checkpoint of the tick before.
-struct Life<C> {
-    /// Of the last tick whose outputs left.
-    checkpoint: Option<C>,
-    /// It has been told nothing since its beginning that it need not have an answer to.
-    sane: bool,
-    /// The edge refuses what is not finite.
-    guarded: bool,
-}
-
-impl<C: Checkpoint> Life<C> {
-    fn new(guarded: bool) -> Self {
-        Self {
-            checkpoint: None,
-            sane: true,
-            guarded,
+        for (port, message) in controller.answer(tick, &messages).1 {
+            holds_safe_torques(port, &message, &case.robot);
         }
-    }
-
-    /// Whether a message leaves; else the process has died of it, and is to be begun anew.
-    fn sends<M: Message>(&mut self, message: &M) -> bool {
-        if message.is_finite() || !self.guarded {
-            return true;
-        }
-        assert!(
-            !self.sane,
-            "nothing out of range has been said to it: {message:?}"
-        );
-        // With its replacement, all is well again.
-        self.sane = true;
-        false
-    }
-
-    /// The tick is closed with this checkpoint.
-    fn closes(&mut self, state: C) {
-        self.checkpoint = Some(state);
-    }
-
-    /// Its replacement goes on from the last tick.
-    fn revives(&self, process: &mut Begun) {
-        match &self.checkpoint {
-            Some(last) => process.restore(last),
-            None => process.restart(),
-        }
-    }
-
-    /// It is started again from a last checkpoint that may have been changed.
-    fn tampered(&mut self, hand: &mut Hand<'_>) -> Option<C> {
-        let mut last = self.checkpoint?;
-        hand.spoil_words(&mut last, 0);
-        let is_possible = last.is_finite() || !self.guarded;
-        self.sane = if is_possible {
-            is_sane(&last)
-        } else {
-            self.sane
-        };
-        is_possible.then_some(last)
     }
 }
 
-/// The whole chain under tampering: of every message any number may be replaced on its way, messages are lost, processes start again
-/// from a last message that was tampered with. The torque on the arm stays finite and within the limits. Where the edge refuses what is not finite,
-/// as it does in a run, no process has anything to say that is not finite, unless it was told what is out of all range; and then its replacement,
-/// which goes on from what was said last, is cured.
+/// Whether the numbers of a message are within what a fault's amount may be: what is larger no process need have an answer to.
+fn is_sane(topic: &str, message: &Packed) -> bool {
+    struct Numbers;
+    impl Each for Numbers {
+        type Output = Vec<usize>;
+        fn each<M: Topic>(&mut self) -> Vec<usize> {
+            numbers::<M>()
+        }
+    }
+    let bytes = message.bytes();
+    let mut places = named(topic, &mut Numbers).into_iter().flatten();
+    places.all(|at| pod_read_unaligned::<f64>(&bytes[at..at + 8]).abs() <= 1e12)
+}
+
+/// The whole chain under tampering: of every message any number may be replaced on its way, and messages are lost. The torque on the arm stays finite and
+/// within the limits. Where the edge refuses what is not finite, as it does in a run, no process has anything to say that is not finite, unless it was
+/// told what is out of all range; and then its replacement, which goes on from its state before, is cured.
 pub fn fingers(bytes: &[u8]) {
     let mut hand = Hand(bytes);
     let (scenario, law, how) = (hand.byte(), hand.byte(), hand.byte());
     let Some(case) = case(scenario, law, how & 1 != 0) else {
         return;
     };
-    let Case {
-        robot, scenario, ..
-    } = &*case;
     let is_guarded = how & 2 != 0;
-    let plant = Begun::of(Program::Plant, robot, scenario);
-    let mut plant = plant.expect("it was accepted before");
-    let estimator = &mut *case.estimator.borrow_mut();
-    let analyzer = &mut *case.analyzer.borrow_mut();
-    let controller = &mut *case.controller.borrow_mut();
-    for step in [&mut *estimator, &mut *analyzer, &mut *controller] {
-        step.restart();
-    }
-    let (mut estimating, mut analyzing, mut controlling) = (
-        Life::<EstimatorCheckpoint>::new(is_guarded),
-        Life::<AnalyzerCheckpoint>::new(is_guarded),
-        Life::<ControllerCheckpoint>::new(is_guarded),
-    );
-    let mut target: Option<Target> = None;
-    let mut m = chain::Tick::default();
-    let mut command: Option<TorqueCommand> = None;
-    for tick in 0..48 {
+    let chain = &mut *case.chain.borrow_mut();
+    chain.iter_mut().for_each(Begun::restart);
+    let mut messages = Messages::new();
+    for tick in 0..=48 {
         if hand.0.is_empty() && tick > 8 {
             break;
         }
         let (touched, dropped) = (hand.byte(), hand.byte());
-        if !sample_of(&mut plant, tick, command.as_ref(), &mut m) {
-            break;
+        messages.retain(|topic, _| [TorqueCommand::TOPIC, Target::TOPIC].contains(topic));
+        if case.is_steered && touched & 32 != 0 {
+            ask(&mut hand, tick, is_guarded, &mut messages);
         }
-        let (mut sample, truth) = (m.sensor, m.plant_state);
-        assert!(
-            sample.is_finite() && truth.is_finite(),
-            "{sample:?} {truth:?}"
-        );
-        is_safe(&sample.tau_drive, robot, "drive");
-        command = 'chain: {
-            if touched & 1 != 0 {
-                hand.corrupt(&mut sample);
+        for (place, process) in chain.iter_mut().enumerate() {
+            if place > 0 && process.lacks(&messages) {
+                continue;
             }
-            if dropped & 16 != 0
-                && let Some(last) = estimating.tampered(&mut hand)
-            {
-                estimator.restore(&last);
+            let mut before = Vec::new();
+            process.step.save(&mut before);
+            let mut read = process.step.reads().iter();
+            let is_told = read.all(|port| {
+                let message = messages.get(port.topic);
+                message.is_none_or(|message| (port.is_finite)(message.bytes()))
+            });
+            let (flow, sent) = process.answer(tick, &messages);
+            if flow == Flow::Over {
+                return;
             }
-            if dropped & 1 != 0 || is_guarded && !sample.is_finite() {
-                break 'chain None;
+            if place == 0 {
+                messages.remove(TorqueCommand::TOPIC);
             }
-            let _ = estimator.answer(tick, Some(&sample), &mut m.estimate);
-            let mut estimate = m.estimate;
-            assert!(
-                estimate.is_finite() || !sample.is_finite(),
-                "the estimator has an answer to everything: {sample:?} {estimate:?}"
-            );
-            if !estimating.sends(&estimate) {
-                break 'chain None;
+            for (port, mut message) in sent {
+                holds_safe_torques(port, &message, &case.robot);
+                if !(port.is_finite)(message.bytes()) {
+                    let answers_all = place == 0 || place == 1 && is_told;
+                    assert!(!answers_all, "{} of {place}: {message:?}", port.topic);
+                    if is_guarded {
+                        assert!(!process.is_sane, "{} of {place}: {message:?}", port.topic);
+                        process.step.restore(&before).expect("its own state");
+                        process.is_sane = true;
+                        break;
+                    }
+                }
+                if touched & 1 << place != 0 {
+                    hand.corrupt(&mut message);
+                    if port.topic == TorqueCommand::TOPIC {
+                        let command: &mut TorqueCommand = from_bytes_mut(message.bytes_mut());
+                        command.phase %= 3;
+                    }
+                }
+                let is_refused = is_guarded && !(port.is_finite)(message.bytes());
+                if dropped & 1 << place == 0 && !is_refused {
+                    messages.insert(port.topic, message);
+                }
             }
-            estimating.closes(estimator.saved());
-            if touched & 2 != 0 {
-                hand.corrupt(&mut estimate);
-            }
-            if dropped & 32 != 0
-                && let Some(last) = analyzing.tampered(&mut hand)
-            {
-                analyzer.restore(&last);
-            }
-            if dropped & 2 != 0 || is_guarded && !estimate.is_finite() {
-                break 'chain None;
-            }
-            analyzing.sane &= is_sane(&estimate);
-            let _ = analyzer.answer(tick, Some(&estimate), &mut m.singularity);
-            let mut report = m.singularity;
-            if !analyzing.sends(&report) {
-                analyzing.revives(analyzer);
-                break 'chain None;
-            }
-            analyzing.closes(analyzer.saved());
-            if touched & 4 != 0 {
-                hand.corrupt(&mut report);
-            }
-            if dropped & 64 != 0
-                && let Some(last) = controlling.tampered(&mut hand)
-            {
-                controller.restore(&last);
-            }
-            if dropped & 4 != 0 || is_guarded && !report.is_finite() {
-                break 'chain None;
-            }
-            controlling.sane &= is_sane(&estimate) && is_sane(&report);
-            if scenario.servo.is_some() && touched & 32 != 0 {
-                // The controller answers any finite request of a person.
-                let mut given = target.unwrap_or_default();
-                hand.spoil_words(&mut given, 0);
-                (given.header.tick, given.target.kind) = (tick, u32::from(hand.byte() % 6));
-                target = Some(given).filter(|given| !is_guarded || given.is_finite());
-            }
-            controller.control(
-                scenario,
-                (&estimate, &report, target.as_ref()),
-                (&mut m.servo_state, &mut m.control_state, &mut m.torque),
-            );
-            let mut command = m.torque;
-            is_safe(&command.tau, robot, "controller");
-            assert_eq!(command.header.tick, estimate.header.tick);
-            let is_steered = scenario.servo.is_some();
-            if !(controlling.sends(&m.control_state)
-                && controlling.sends(&command)
-                && (!is_steered || controlling.sends(&m.servo_state)))
-            {
-                controlling.revives(controller);
-                break 'chain None;
-            }
-            controlling.closes(controller.saved());
-            if touched & 8 != 0 {
-                hand.corrupt(&mut command);
-                command.phase %= 3;
-            }
-            (dropped & 8 == 0 && (!is_guarded || command.is_finite())).then_some(command)
-        };
+        }
     }
-    sample_of(&mut plant, 48, command.as_ref(), &mut m);
-    let (sample, truth) = (m.sensor, m.plant_state);
-    assert!(
-        sample.is_finite() && truth.is_finite(),
-        "{sample:?} {truth:?}"
-    );
 }
 
-/// The plant's step on the torque of the tick before; whether its task goes on.
-fn sample_of(
-    plant: &mut Begun,
-    tick: u64,
-    command: Option<&TorqueCommand>,
-    m: &mut chain::Tick,
-) -> bool {
-    let mut inputs = Inputs::of(tick, &[]);
-    let command = command.into_iter();
-    command.for_each(|command| inputs.add(TorqueCommand::TOPIC, bytes_of(command)));
-    let mut outputs = Outputs::new(&mut plant.scratch);
-    outputs.add(
-        shared_types::SensorSample::TOPIC,
-        bytes_of_mut(&mut m.sensor),
-    );
-    outputs.add(
-        shared_types::PlantState::TOPIC,
-        bytes_of_mut(&mut m.plant_state),
-    );
-    plant.step.step(&inputs, &mut outputs) == Flow::Go
+/// A request of a person, of any numbers.
+fn ask(hand: &mut Hand<'_>, tick: u64, is_guarded: bool, messages: &mut Messages) {
+    let zero = || Packed::of(&vec![0; size_of::<Target>()]);
+    let mut message = messages.get(Target::TOPIC).cloned().unwrap_or_else(zero);
+    hand.spoil_words(&mut message, 0);
+    let given: &mut Target = from_bytes_mut(message.bytes_mut());
+    (given.header.tick, given.target.kind) = (tick, u32::from(hand.byte() % 6));
+    match !is_guarded || given.is_finite() {
+        true => messages.insert(Target::TOPIC, message),
+        false => messages.remove(Target::TOPIC),
+    };
 }

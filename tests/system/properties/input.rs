@@ -1,8 +1,9 @@
 //! Messages and choices from any bytes.
 
 use bytemuck::Pod;
+use process::Packed;
 use shared_types::wire::{Field, Stamps};
-use shared_types::{Layout, Message, SingularityState, TargetContent};
+use shared_types::{Layout, SingularityState, TargetContent};
 
 /// Fills messages from bytes, and with zeros where they end.
 pub(super) struct Bytes<'a>(pub(super) &'a [u8]);
@@ -10,10 +11,14 @@ pub(super) struct Bytes<'a>(pub(super) &'a [u8]);
 impl Bytes<'_> {
     pub(super) fn next<M: Pod>(&mut self) -> M {
         let mut message = M::zeroed();
-        let n = self.0.len().min(size_of::<M>());
-        bytemuck::bytes_of_mut(&mut message)[..n].copy_from_slice(&self.0[..n]);
-        self.0 = &self.0[n..];
+        self.fill(bytemuck::bytes_of_mut(&mut message));
         message
+    }
+
+    pub(super) fn fill(&mut self, message: &mut [u8]) {
+        let n = self.0.len().min(message.len());
+        message[..n].copy_from_slice(&self.0[..n]);
+        self.0 = &self.0[n..];
     }
 }
 
@@ -83,13 +88,13 @@ impl Hand<'_> {
     }
 
     /// Puts a number somewhere in a message, stamps left out: no computation reads them.
-    pub(super) fn corrupt<M: Message>(&mut self, message: &mut M) {
+    pub(super) fn corrupt(&mut self, message: &mut Packed) {
         self.spoil_words(message, size_of::<Stamps>() / 8);
     }
 
     /// Puts a number somewhere behind the first words.
-    pub(super) fn spoil_words<M: Pod>(&mut self, message: &mut M, first: usize) {
-        let words: &mut [u64] = bytemuck::cast_slice_mut(bytemuck::bytes_of_mut(message));
+    pub(super) fn spoil_words(&mut self, message: &mut Packed, first: usize) {
+        let words: &mut [u64] = bytemuck::cast_slice_mut(message.bytes_mut());
         let words = &mut words[first..];
         for _ in 0..=self.byte() % 4 {
             let place = u16::from_ne_bytes(self.take()) as usize % words.len();
