@@ -1,0 +1,112 @@
+"""A dozen incidents of known cause (incidents.py makes hundreds), files that are damaged, and logs that do not fit, asked of `armplane.autopsy`."""
+
+import json
+import pathlib
+import subprocess
+import sys
+
+import incidents
+import numpy as np
+import pytest
+from armplane import autopsy
+from armplane.autopsy.robot import Robot
+
+pytest.importorskip("mujoco")
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    path = tmp_path_factory.mktemp("arm") / "plain.urdf"
+    path.write_text(incidents.plain_urdf())
+    return incidents.Arm(path), str(path)
+
+
+def made(arm, cause, how, style, folder, seed=1):
+    """The path of a log of this cause, when it happened, and the logged rows."""
+    rng = np.random.default_rng(seed)
+    for _ in range(500):
+        try:
+            rows, felt = incidents.singular_incident(arm, rng, how) if cause == incidents.SINGULAR else incidents.other_incident(arm, rng, cause, *how)
+            break
+        except incidents.Rejected:
+            continue
+    log = incidents.log_rows(arm, rows, rng, 250)
+    return incidents.write(log, arm, folder, rng, style), felt, log
+
+
+@pytest.mark.parametrize(
+    "cause, how, style",
+    [
+        ("singularity", "dls", "csv"),
+        ("singularity", "pinv clamped", "mcap"),
+        ("singularity", "servo halt", "rosbag2"),
+        ("singularity", "pinv fault", "csv degrees"),
+        ("joint limit", ("joints", False), "rosbag2 mcap"),
+        ("speed limit", ("joints", False), "csv"),
+        ("gap in the stamps", ("joints", True), "csv"),
+        ("jump in the command", ("joints", True), "lerobot"),
+        ("NaN", ("joints", False), "csv"),
+        ("oscillation", ("joints", False), "mcap"),
+        ("unknown", ("joints", False), "csv"),
+        ("none", ("joints", True), "lerobot"),
+    ],
+)
+def test_the_cause_is_found(arm, tmp_path, cause, how, style):
+    path, felt, log = made(arm[0], cause, how, style, tmp_path)
+    answer = autopsy.autopsy(path, arm[1], picture=tmp_path / "why.png")
+    assert answer["cause"] == cause, answer["text"]
+    assert (tmp_path / "why.png").stat().st_size > 10_000
+    if cause != "none":
+        assert abs(answer["t"] - felt) < 0.5
+    if cause == "singularity":
+        first = answer["evidence"][0]
+        truth = arm[0].zeta(log["q"][np.argmin(np.abs(log["t"] - log["t"][0] - first["t_nearest"]))])
+        zeta = np.array(first["zeta"])
+        lost, is_translation = (zeta[:3], True) if np.linalg.norm(zeta[:3]) > 0.5 else (zeta[3:], False)
+        assert abs(lost @ np.array(truth["force" if is_translation else "moment"])) > np.cos(np.radians(5))
+
+
+def test_kinematics_are_those_of_the_arm():
+    robot = Robot("panda")
+    q = np.random.default_rng(1).uniform(-2, 2, (20, 7))
+    pose, J = robot.move(q)
+    for k in range(len(q)):
+        at = robot.arm.at(q[k])
+        assert np.abs(pose[k] - at.pose).max() < 1e-12 and np.abs(J[k] - at.J).max() < 1e-12
+
+
+def test_another_order_of_joints_is_found_and_another_robot_is_said(arm, tmp_path):
+    path, _, log = made(arm[0], "none", ("twist", False), "csv", tmp_path)
+    order = [2, 0, 1, 5, 3, 4]
+    pose = [arm[0].pose(q)[0] for q in log["q"]]
+    names = [*(f"q{j}" for j in range(6)), "tcp_pose_x", "tcp_pose_y", "tcp_pose_z"]
+    for name, q in (("mixed", log["q"][:, order]), ("other", -log["q"] + 0.3)):
+        np.savetxt(tmp_path / f"{name}.csv", np.c_[log["t"], q, pose], delimiter=",", header=",".join(["time", *names]), comments="")
+    assert autopsy.autopsy(tmp_path / "mixed.csv", arm[1])["cause"] == "none"
+    assert autopsy.autopsy(tmp_path / "other.csv", arm[1])["cause"] == "another robot"
+
+
+def test_a_damaged_file_is_one_sentence(tmp_path):
+    good = "time," + ",".join(f"q{j}" for j in range(6)) + "\n" + "0.1,0,0,0,0,0,0\n"
+    files = {
+        "empty.csv": b"", "garbage.mcap": bytes(range(256)) * 99, "garbage.parquet": b"PAR1" + b"\xff" * 999 + b"PAR1", "garbage.db3": b"SQLite format 3\0" + b"x" * 999,
+        "header.csv": b"time,q0\n", "words.csv": b"time,q\n" + b"x,y\n" * 50, "short.csv": good.encode(), "zero.csv": b"\0" * 999,
+        "chunk.mcap": b"\x89MCAP0\r\n\x06" + b"\xff" * 8 + b"x" * 99, "unknown.bin": b"1",
+    }  # fmt: skip
+    for name, content in files.items():
+        path = tmp_path / name
+        path.write_bytes(content)
+        done = subprocess.run([sys.executable, "-m", "armplane.autopsy", str(path), "--robot", "ur5"], capture_output=True, text=True, timeout=120)
+        assert done.returncode == 2 and done.stderr.startswith("armplane: ") and done.stderr.count("\n") == 1 and not done.stdout, (name, done.stderr)
+
+
+def test_many_logs_are_a_table_and_json_lines(arm, tmp_path):
+    logs = tmp_path / "logs"
+    for k, cause in enumerate(("none", "jump in the command")):
+        (logs / str(k)).mkdir(parents=True)
+        path, _, _ = made(arm[0], cause, ("joints", False), "csv", logs / str(k))
+        pathlib.Path(path).rename(logs / f"{k}.csv")
+    command = [sys.executable, "-m", "armplane.autopsy", str(logs), "--robot", arm[1]]
+    done = subprocess.run([*command, "--json"], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0 and [json.loads(line)["cause"] for line in done.stdout.splitlines()] == ["jump in the command", "none"]
+    assert len(subprocess.run(command, capture_output=True, text=True, timeout=120).stdout.splitlines()) == 3
