@@ -1,4 +1,4 @@
-//! `armplane arena`, `sweep` and `figures`: modules of the package in Python, which read the arguments.
+//! `armplane arena`, `autopsy`, `sweep` and `figures`: modules of the package in Python, which read the arguments.
 
 use clap::Args;
 use session::{Failure, Python};
@@ -17,6 +17,12 @@ pub(crate) struct PythonArgs {
 /// Becomes the arena.
 pub(crate) fn arena(args: PythonArgs) -> Failure {
     Python::exec("arena", args.arguments)
+}
+
+/// Becomes the autopsy of logs.
+pub(crate) fn autopsy(args: PythonArgs, as_json: bool) -> Failure {
+    let json = as_json.then(|| "--json".to_owned());
+    Python::exec("autopsy", args.arguments.into_iter().chain(json))
 }
 
 /// Becomes the sweep, its report, or the figures.

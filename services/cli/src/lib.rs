@@ -155,6 +155,13 @@ enum Command {
         after_help = "Examples:\n  armplane arena --size short\n  armplane arena --law armplane --law mine=mine.py --robot ur5\n  armplane arena --law pin_pink:k_p=400:k_v=40 --out runs/soft\n  armplane arena -- --help"
     )]
     Arena(experiments::PythonArgs),
+    /// Say what happened in a robot's log, and whether it was a singularity.
+    #[command(
+        long_about = "Reads a log of any arm (CSV, Parquet, MCAP, rosbag2, LeRobot) and says what happened, when, and why: a singularity, a limit, \
+                      a gap, a jump, a NaN, an oscillation, or none of these. Needs the Python package: pip install 'armplane[autopsy]'.",
+        after_help = "Examples:\n  armplane autopsy log.mcap --robot ur5e.urdf --tip tool0\n  armplane autopsy logs/ --robot panda\n  armplane autopsy -- --help"
+    )]
+    Autopsy(experiments::PythonArgs),
     /// Run a scenario under many settings on all cores, into Parquet.
     #[command(
         long_about = "Runs a scenario once per point of a grid or seeded sample over any keys of `armplane run --set`. Each run takes one \
@@ -262,7 +269,9 @@ const GROUPS: [(&str, &[&str], &[&str]); 5] = [
     (
         "Run and look",
         &["new", "run", "view", "report", "play"],
-        &["servo", "ps", "top", "export", "fault", "recover"],
+        &[
+            "servo", "ps", "top", "export", "fault", "recover", "autopsy",
+        ],
     ),
     ("Arms and graphs", &["list", "inspect"], &["graph"]),
     (
@@ -377,6 +386,7 @@ fn execute(cli: Cli) -> Result<ExitCode, session::Failure> {
         Command::Bench(args) => bench::bench(&args, json),
         Command::Compare(args) => compare::compare(&args, json),
         Command::Arena(args) => Err(experiments::arena(args)),
+        Command::Autopsy(args) => Err(experiments::autopsy(args, json)),
         Command::Sweep(args) => Err(experiments::experiment("sweep", args, json)),
         Command::Figures(args) => Err(experiments::experiment("figures", args, json)),
         Command::Top(args) => top::top(&args, json),
