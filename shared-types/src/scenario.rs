@@ -20,6 +20,7 @@
 mod analysis;
 mod control;
 mod curve;
+mod mount;
 mod plant;
 mod result;
 mod servo;
@@ -34,6 +35,7 @@ use crate::graph::Graph;
 pub use analysis::{Analysis, BySingularity};
 pub use control::{Baseline, Control, Damping, HoldAndBlend, Strategy};
 pub use curve::{AXES, Arc, Axis, Frame, Points, Table};
+pub use mount::{Mount, Payload, Push, Tool};
 pub use plant::{Estimator, Plant, PlantModel};
 pub use result::{Goal, Layout, View};
 pub use servo::Servo;
@@ -81,6 +83,9 @@ pub struct Scenario {
     /// Time to hold the last pose before the end is judged; s.
     #[serde(default = "settle_s")]
     pub settle_s: f64,
+    /// How the base stands, and what the hand carries.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mount: Option<Mount>,
     /// The simulated arm and its surroundings.
     #[serde(default)]
     pub plant: Plant,
@@ -220,6 +225,9 @@ impl Scenario {
             format!("the task takes {} s", self.duration_s()),
             "10 hours at most",
         )?;
+        let (has_frame, has_floor) = (!self.frame.is_empty(), self.plant.floor_m.is_some());
+        let mount = self.mount.as_ref();
+        mount.map_or(Ok(()), |mount| mount.check(has_frame, has_floor))?;
         self.plant.check()?;
         self.estimator.check()?;
         self.analysis.check()?;

@@ -8,6 +8,9 @@ pub enum PlantError {
     /// The robot has no model of this size or at this frame.
     #[error(transparent)]
     Model(#[from] ModelError),
+    /// The load cannot be carried.
+    #[error("{0}")]
+    Load(String),
     /// The start posture is not one.
     #[error("the start posture cannot be: {0}")]
     Start(#[from] PostureError),

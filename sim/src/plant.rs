@@ -38,7 +38,7 @@ pub struct Plant<const N: usize> {
 impl<const N: usize> Plant<N> {
     /// The arm `robot` at rest at `q_start` (zero at absent joints), seen at `frame` (its default frame where empty), `rate_hz` ticks a second.
     ///
-    /// `options.mass_factor` scales the links' masses and inertias; the armature is the drives', and stays.
+    /// `options.mass_factor` scales the links' masses and inertias; the armature is the drives', and stays. `options.payload` comes on top.
     ///
     /// # Errors
     /// [`PlantError`]: a posture outside the limits or in the floor, a number out of range, an arm that cannot be simulated.
@@ -54,6 +54,11 @@ impl<const N: usize> Plant<N> {
         for joint in &mut robot.joints {
             joint.mass *= options.mass_factor;
             joint.inertia *= options.mass_factor;
+        }
+        if let Some(load) = &options.payload {
+            robot
+                .take_payload(frame, load)
+                .map_err(|defect| PlantError::Load(defect.to_string()))?;
         }
         let model = Model::new(&robot, frame)?;
         robot.check_posture(&q_start.as_slice()[..robot.dof()])?;

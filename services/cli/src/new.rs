@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
+use lab::studies::Shape;
 use serde_json::json;
 use session::Failure;
 
@@ -21,10 +22,16 @@ pub(crate) struct NewArgs {
         default_value = "puma560"
     )]
     robot: String,
+    /// Shape of its path.
+    #[arg(long, default_value = "line", value_parser = clap::builder::PossibleValuesParser::new(Shape::ALL.map(|(name, _)| name)))]
+    path: String,
 }
 
 pub(crate) fn new(args: &NewArgs, as_json: bool) -> Result<ExitCode, Failure> {
-    let path = lab::studies::begin(&args.name, &args.robot)?;
+    let mut shapes = Shape::ALL.into_iter();
+    let shape = shapes.find(|(name, _)| *name == args.path);
+    let shape = shape.map_or(Shape::default(), |(_, shape)| shape);
+    let path = lab::studies::begin(&args.name, &args.robot, shape)?;
     let path = path.display();
     if as_json {
         say!("{}", json!({"file": path.to_string()}));

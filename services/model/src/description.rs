@@ -5,6 +5,7 @@
 //! default_frame = "flange"          # end-effector frame: a link of the URDF. Default: the chain's last link
 //! base_frame = "torso_lift_link"    # the arm's base: a link of the URDF. Default: the URDF's root
 //! gravity = [0.0, 0.0, -9.81]       # m/s², base axes. Default as shown
+//! base_rpy_deg = [180.0, 0.0, 0.0]  # roll, pitch, yaw of the base in the world, which turn gravity. Default: upright
 //! length_m = 0.43                   # makes radians and metres comparable. Default: half the sum of the link lengths
 //! encoder_bits = 16                 # per turn, 1 to 32. Default 16
 //! task = ["x", "y", "z", "rx", "ry", "rz"]   # task axes. Default: those that can move wherever the arm faces, in this order, at most one per joint
@@ -27,6 +28,16 @@
 //! torque_rate = 1000.0              # N·m/s that the drive accepts (inf allowed). Default: the torque limit in 20 ms
 //! locked = 0.5                      # rad: fixes the joint there, without any other key beside it. Default: free
 //!
+//! [tool]                            # on the default frame; its tip becomes the end-effector. Default: none
+//! tip_m = [0.0, 0.0, 0.12]          # in the hand's axes; so com_m
+//! rpy_deg = [0.0, 0.0, 0.0]
+//! mass_kg = 0.8
+//! com_m = [0.0, 0.0, 0.05]
+//!
+//! [payload]                         # a point mass, in the axes of the end-effector. Default: none
+//! mass_kg = 2.0
+//! com_m = [0.0, 0.0, 0.05]
+//!
 //! [postures]                        # by name, rad, within the limits. Default: `middle` of the limits (0 where there are none)
 //! ready = [0.0, -1.57, 1.57, 0.0, 0.0, 0.0]
 //! ```
@@ -37,11 +48,13 @@
 use crate::error::{Defect, list};
 use crate::factors::Factors;
 use crate::joint::Joint;
+use crate::pose::Pose;
 use crate::robot::Robot;
 use crate::task::TaskAxis;
 use crate::urdf::Cut;
 use serde::Deserialize;
 use shared_types::file;
+use shared_types::scenario::{Payload, Tool};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
@@ -51,6 +64,9 @@ pub(crate) struct Description {
     pub(crate) default_frame: Option<String>,
     base_frame: Option<String>,
     gravity: Option<[f64; 3]>,
+    base_rpy_deg: [f64; 3],
+    tool: Option<Tool>,
+    payload: Option<Payload>,
     length_m: Option<f64>,
     encoder_bits: Option<u32>,
     task: Option<Vec<TaskAxis>>,
@@ -168,6 +184,14 @@ impl Description {
 
     pub(crate) fn apply(self, robot: &mut Robot) -> Result<(), Defect> {
         robot.gravity = self.gravity.map_or(robot.gravity, Into::into);
+        if self.base_rpy_deg != [0.0; 3] {
+            let rpy = self.base_rpy_deg.map(f64::to_radians);
+            let X_WB = Pose::from_xyz_rpy([0.0; 3], rpy);
+            robot.gravity = X_WB.R.transpose() * robot.gravity;
+        }
+        self.tool.map_or(Ok(()), |tool| robot.take_tool(&tool))?;
+        let load = |load: Payload| robot.take_payload(None, &load);
+        self.payload.map_or(Ok(()), load)?;
         robot.length_m = self.length_m.unwrap_or(robot.length_m);
         robot.encoder_bits = self.encoder_bits.unwrap_or(robot.encoder_bits);
         let task = self.task.unwrap_or_else(|| robot.task.iter().collect());

@@ -31,6 +31,7 @@ mod kinematics;
 mod lanes;
 mod load;
 mod mjcf;
+mod mount;
 mod pose;
 mod robot;
 mod rotation;

@@ -1,13 +1,13 @@
 //! The plant's pure step: from torque to motion, and from motion to sensor readings.
 
 use bytemuck::{bytes_of, pod_read_unaligned};
-use model::{ArmMotion, Model, ModelError, PostureError, Robot, embedded, joints, padded};
+use model::{ArmMotion, Model, ModelError, PostureError, Robot, embedded, joints, padded, stack};
 use nalgebra::SVector;
 use process::{CUT_TICKS, Damaged, Flow, Inputs, Outputs, Port, Process, Snapshot};
 use shared_types::checkpoints::PlantCheckpoint;
 use shared_types::codes::DRIVE_DIVERGED;
 use shared_types::fault::ScheduledFault;
-use shared_types::scenario::Scenario;
+use shared_types::scenario::{Push, Scenario};
 use shared_types::task_end::TaskEnd;
 use shared_types::{Header, Layout, PlantState, SensorSample, TorqueCommand};
 use sim::{Drive, Encoders, Plant, PlantError};
@@ -33,6 +33,9 @@ pub struct Cycle<const N: usize> {
     encoders: Encoders<N>,
     /// Number of the arm's joints; further entries of a command are ignored.
     dof: usize,
+    /// What pushes the hand, and the length of a tick, s.
+    push: Vec<Push>,
+    dt_s: f64,
 }
 
 /// The arm, its drives and their faults, from tick to tick.
@@ -72,6 +75,8 @@ impl<const N: usize> Cycle<N> {
                 scenario.seed,
             ),
             dof: robot.dof(),
+            push: options.push.clone(),
+            dt_s: scenario.dt_s(),
         };
         let world = World {
             plant: Plant::new(robot, scenario.frame(), options, scenario.rate_hz, &start)?,
@@ -148,6 +153,18 @@ impl<const N: usize> Cycle<N> {
         world.contradicted = !self.encoders.agrees(&read, q);
     }
 
+    /// The joint torques of what pushes the hand, N·m.
+    fn pushed(&self, world: &World<N>) -> SVector<f64, N> {
+        let t_s = world.ticks as f64 * self.dt_s;
+        let lasts = |push: &&Push| (push.at_s..push.at_s + push.for_s).contains(&t_s);
+        let now = self.push.iter().filter(lasts);
+        now.fold(SVector::zeros(), |sum, push| {
+            let F = stack(&push.force_n.into(), &push.torque_nm.into());
+            let plant = &world.plant;
+            sum + plant.model().jacobian(&plant.state().q).transpose() * F
+        })
+    }
+
     /// Advances one tick under `command` (`None`: none came); its header gives its age.
     fn advance(&self, world: &mut World<N>, command: Option<&TorqueCommand>) {
         let tau = command.map(|command| embedded::<N>(&command.tau[..self.dof]));
@@ -168,7 +185,7 @@ impl<const N: usize> Cycle<N> {
         world.acted = acting;
         if braked {
             world.plant.hold();
-        } else if world.plant.step(&acting).is_err() {
+        } else if world.plant.step(&(acting + self.pushed(world))).is_err() {
             world.drive.brake(DRIVE_DIVERGED);
             world.plant.hold();
             world.diverged = true;
@@ -330,6 +347,41 @@ mod tests {
             tau: padded(&tau),
             ..TorqueCommand::default()
         }
+    }
+
+    #[test]
+    fn a_push_moves_the_hand_while_it_lasts() {
+        let scenario = scenario();
+        let mut with_push = scenario.clone();
+        with_push.plant.push = vec![Push {
+            at_s: 0.1,
+            for_s: 0.05,
+            force_n: [20.0, 0.0, 0.0],
+            torque_nm: [0.0, 0.0, 2.0],
+        }];
+        let (mut pushed, mut unpushed) = (cycle(&with_push), cycle(&scenario));
+        let mut impulse = SVector::<f64, 6>::zeros();
+        for tick in 0..=150 {
+            let (_, truth) = sampled(&pushed, tick);
+            let (_, other) = sampled(&unpushed, tick);
+            if tick <= 100 {
+                assert_eq!(truth, other, "nothing pushes at tick {tick}");
+            } else {
+                let q = joints(&other.q);
+                let F = stack(&[20.0, 0.0, 0.0].into(), &[0.0, 0.0, 2.0].into());
+                impulse += ARM.jacobian(&q).transpose() * F * 1e-3;
+            }
+            pushed.step(Some(&command(&truth, [0.0; 6])));
+            unpushed.step(Some(&command(&other, [0.0; 6])));
+        }
+        // A·q̇ is what the push has given, while the arm has hardly moved.
+        let (truth, other) = (sampled(&pushed, 151).1, sampled(&unpushed, 151).1);
+        let by = joints(&truth.qdot) - joints(&other.qdot);
+        let given = ARM.mass_matrix(&joints(&truth.q)) * by;
+        assert!(
+            (given - impulse).norm() < 0.05 * impulse.norm(),
+            "{given} {impulse}"
+        );
     }
 
     #[test]

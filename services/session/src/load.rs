@@ -9,7 +9,7 @@ use shared_types::file::{self, Complaint};
 use shared_types::graph::Graph;
 use shared_types::job::{Job, Mode};
 use shared_types::process::Program;
-use shared_types::scenario::{Scenario, Start};
+use shared_types::scenario::{Mount, Scenario, Start};
 use shared_types::target_file::{self, InvalidRow};
 use sim::scenarios;
 
@@ -223,16 +223,19 @@ impl Source {
     /// # Errors
     /// [`Failure::File`] if there is no such robot, or its description is invalid.
     pub fn robot(&self, scenario: &Scenario) -> Result<Robot, Failure> {
-        robot(
-            &scenario.robot,
-            self.folder.as_deref(),
-            scenario.frame(),
-            None,
-        )
-        .map_err(|failure| match failure {
-            Failure::Input(sentence) => self.located(Complaint::new("robot", sentence, "")),
-            other => other,
-        })
+        let located = |key: &'static str| {
+            move |failure| match failure {
+                Failure::Input(sentence) => self.located(Complaint::new(key, sentence, "")),
+                other => other,
+            }
+        };
+        let folder = self.folder.as_deref();
+        let robot = robot(&scenario.robot, folder, scenario.frame(), None);
+        let robot = robot.map_err(located("robot"))?;
+        match &scenario.mount {
+            Some(mount) => mounted(&robot, mount).map_err(located("mount")),
+            None => Ok(robot),
+        }
     }
 
     /// Checks a scenario from here against its robot and graph.
@@ -374,6 +377,33 @@ pub fn robot(
         None => Robot::from_source_at(&source, frame),
     };
     made.map_err(|error| refused(error.to_string()))
+}
+
+/// The arm as it is mounted: its description has the scenario's keys, so that every process knows them.
+fn mounted(robot: &Robot, mount: &Mount) -> Result<Robot, Failure> {
+    let mut description: toml::Table = robot.source.description.parse().map_err(Failure::input)?;
+    let Mount {
+        base_rpy_deg,
+        tool,
+        payload,
+        ..
+    } = mount;
+    let tool = tool.map(toml::Value::try_from).transpose();
+    let payload = payload.map(toml::Value::try_from).transpose();
+    for (key, value) in [
+        ("base_rpy_deg", Some((*base_rpy_deg).to_vec().into())),
+        ("tool", tool.map_err(Failure::input)?),
+        ("payload", payload.map_err(Failure::input)?),
+    ] {
+        if let Some(value) = value {
+            description.insert(key.to_owned(), value);
+        }
+    }
+    Robot::from_source(&RobotText {
+        description: description.to_string(),
+        ..robot.source.clone()
+    })
+    .map_err(Failure::input)
 }
 
 /// The arm from a link of its URDF on: the joints before `base` are no part of it, and what the description says of the whole chain (factors, length, task

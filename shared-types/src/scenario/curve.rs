@@ -12,6 +12,8 @@ pub enum Frame {
     /// The base of the arm.
     #[default]
     Base,
+    /// The world, in which `mount` places the base.
+    World,
     /// The hand's position when the segment begins, in base axes. Orientations are turns from the
     /// hand's orientation there. A table counts from its first row.
     Start,

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::mount::{Payload, Push};
 use crate::file::{Complaint, positive, require, within};
 
 /// The simulated arm and its surroundings.
@@ -23,6 +24,12 @@ pub struct Plant {
     /// Factor on all masses and inertias of the simulated arm. The controller's model does not
     /// change.
     pub mass_factor: f64,
+    /// A load that the controller's model does not have.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub payload: Option<Payload>,
+    /// Pushes on the hand.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub push: Vec<Push>,
     /// Height of the floor in the base frame; m. `"none"`: no floor.
     #[serde(with = "floor")]
     pub floor_m: Option<f64>,
@@ -86,6 +93,8 @@ impl Default for Plant {
             encoder_noise_counts: 0.5,
             friction: false,
             mass_factor: 1.0,
+            payload: None,
+            push: Vec::new(),
             floor_m: Some(-0.67183),
             self_collision: false,
             hold_ticks: 3,
@@ -120,9 +129,15 @@ impl Plant {
             encoder_bits: bits,
             encoder_noise_counts: counts,
             mass_factor,
+            payload,
+            push,
             floor_m,
             ..
         } = self;
+        let load = payload.as_ref();
+        load.map_or(Ok(()), |load| load.check("plant.payload"))?;
+        let mut pushes = push.iter().enumerate();
+        pushes.try_for_each(|(i, push)| push.check(i))?;
         let message = format!("{substeps} sub-steps");
         within("plant.substeps", f64::from(*substeps), 1.0..=64.0, message)?;
         require(

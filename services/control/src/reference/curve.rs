@@ -295,7 +295,7 @@ fn placed(frame: Frame, start: &Pose, p: Vector3<f64>, q: Option<&[f64; 4]>) -> 
             .into_inner()
     });
     match frame {
-        Frame::Base => Pose {
+        Frame::Base | Frame::World => Pose {
             R: if q.is_some() { R } else { start.R },
             p,
         },
@@ -427,7 +427,7 @@ pub(super) fn of_rows(rows: &[Row], frame: Frame, start: &Pose) -> Vec<Sample> {
     let (first, from_s) = (pose(&rows[0]), rows[0].t_s);
     let all_s = rows[rows.len() - 1].t_s - from_s;
     let moved = |X: Pose| match frame {
-        Frame::Base => X,
+        Frame::Base | Frame::World => X,
         Frame::Start => Pose {
             R: X.R * first.R.transpose() * start.R,
             p: start.p + X.p - first.p,

@@ -12,7 +12,7 @@ use crate::types::{Class, Kind, Report, Singularity};
 use model::Pose;
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3, Vector6};
 use shared_types::codes;
-use shared_types::scenario::{self, Axis, Scenario};
+use shared_types::scenario::{self, Axis, Frame, Scenario};
 
 /// How far ahead the law of a steered run sees its present twist, s.
 pub const HORIZON_S: f64 = 0.5;
@@ -284,8 +284,11 @@ impl Path {
         let (mut place, mut is_loose) = (Progress::at(start), false);
         for (i, segment) in scenario.segment.iter().enumerate() {
             let mut leg = leg(i, segment, report)?;
-            let samples = samples(i, segment, &place.start, report)?;
-            if let Some((samples, apart, bound_m)) = samples {
+            let X_WB = origin(scenario, segment);
+            let samples = samples(i, segment, &(X_WB * place.start), report)?;
+            if let Some((mut samples, apart, bound_m)) = samples {
+                let X_BW = X_WB.inverse();
+                samples.iter_mut().for_each(|(_, X)| *X = X_BW * *X);
                 if is_loose {
                     return Err(PathError::Loose { segment: i });
                 }
@@ -563,6 +566,20 @@ fn ramped(t: f64, T: f64, ramp_s: f64) -> [f64; 3] {
     }
     let [x, v, a] = rise((T - t).max(0.0));
     [1.0 - x, v, -a]
+}
+
+/// The base in the axes of a segment's curve: the identity, but for a curve in the world.
+fn origin(scenario: &Scenario, segment: &scenario::Segment) -> Pose {
+    let points = segment.waypoints.as_ref().or(segment.spline.as_ref());
+    let frame = points.map(|points| points.frame);
+    let frame = frame.or(segment.arc.as_ref().map(|arc| arc.frame));
+    let frame = frame.or(segment.table.as_ref().map(|table| table.frame));
+    match (&scenario.mount, frame) {
+        (Some(mount), Some(Frame::World)) => {
+            Pose::from_xyz_rpy(mount.base_m, mount.base_rpy_deg.map(f64::to_radians))
+        }
+        _ => Pose::identity(),
+    }
 }
 
 /// The samples of a segment's curve from the pose `start` on, the least distance of knots in s, and the largest deviation, m; `None` for a line.
@@ -853,6 +870,17 @@ mod tests {
         for t in [0.0, 2.0] {
             assert!(at(&path, t, 1.0).V.norm() < 1e-9);
         }
+    }
+
+    #[test]
+    fn a_curve_in_the_world_is_seen_from_the_base() {
+        let path = path_of(
+            "waypoints = { points_m = [[1.1, 2.0, 3.0]], quaternions = [[0, 1, 0, 0]], frame = \"world\" }\n\
+             [mount]\nbase_m = [1, 2, 3]\nbase_rpy_deg = [180, 0, 0]\n[plant]\nfloor_m = \"none\"",
+        );
+        let end = at(&path, 2.0, 1.0);
+        assert!((end.p - Vector3::new(0.1, 0.0, 0.0)).norm() < 1e-12);
+        assert!((end.R - Matrix3::identity()).amax() < 1e-9);
     }
 
     #[test]

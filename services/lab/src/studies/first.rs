@@ -1,5 +1,9 @@
 //! A first scenario for any arm, as a file with comments.
 
+mod shapes;
+
+pub use shapes::Shape;
+
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
@@ -14,11 +18,11 @@ const TEMPLATE: &str = include_str!("first.toml");
 /// Lengths of a line that may suit the arm, the first that does is taken; m.
 const LENGTHS: [f64; 2] = [0.1, 0.01];
 
-/// Writes `NAME.toml`, and returns its path: a straight line that the arm follows within the goal's bounds, and back.
+/// Writes `NAME.toml`, and for a table `NAME.csv`, and returns its path: a path of this shape that the arm follows within the goal's bounds.
 ///
 /// # Errors
-/// [`Failure`] where the file exists or cannot be written, there is no such robot, or no line is found that it can follow.
-pub fn begin(name: &Path, robot: &str) -> Result<PathBuf, Failure> {
+/// [`Failure`] where the file exists or cannot be written, there is no such robot, or no such path is found that it can follow.
+pub fn begin(name: &Path, robot: &str, shape: Shape) -> Result<PathBuf, Failure> {
     let mut path = name.as_os_str().to_owned();
     path.push(if name.extension().is_some_and(|it| it == "toml") {
         ""
@@ -34,31 +38,43 @@ pub fn begin(name: &Path, robot: &str) -> Result<PathBuf, Failure> {
             name.display()
         )));
     }
-    let taken = || {
+    let taken = |path: &Path| {
         let path = path.display();
         Failure::Input(format!("{path} exists already: choose another name"))
     };
-    if path.symlink_metadata().is_ok() {
-        return Err(taken());
+    let table = path.with_extension("csv");
+    for file in [Some(&path), Some(&table).filter(|_| shape == Shape::Table)] {
+        if let Some(file) = file.filter(|file| file.symlink_metadata().is_ok()) {
+            return Err(taken(file));
+        }
     }
     let arm = load::robot(robot, None, None, None)?;
     arm.complete().map_err(Failure::input)?;
-    let text = text(&path, robot, &arm)?;
+    let (text, rows) = text(&path, robot, &arm, shape)?;
     // Another shell may have made it meanwhile.
-    files::write_new(&path, text).map_err(|error| match error.kind() {
-        ErrorKind::AlreadyExists => taken(),
-        _ => {
-            let path = path.display();
-            Failure::Input(format!(
-                "cannot write {path}: {error}; choose another folder"
-            ))
-        }
-    })?;
+    let write = |path: &Path, text: String| {
+        files::write_new(path, text).map_err(|error| match error.kind() {
+            ErrorKind::AlreadyExists => taken(path),
+            _ => {
+                let path = path.display();
+                Failure::Input(format!(
+                    "cannot write {path}: {error}; choose another folder"
+                ))
+            }
+        })
+    };
+    rows.map_or(Ok(()), |rows| write(&table, rows))?;
+    write(&path, text)?;
     Ok(path)
 }
 
-/// The text of the first line that the arm can follow.
-fn text(path: &Path, robot: &str, arm: &Robot) -> Result<String, Failure> {
+/// The text of the first path that the arm can follow, and that of its table.
+fn text(
+    path: &Path,
+    robot: &str,
+    arm: &Robot,
+    shape: Shape,
+) -> Result<(String, Option<String>), Failure> {
     let quoted = |text: &str| toml::Value::from(text).to_string();
     // A path in a scenario counts from its folder.
     let folder = path
@@ -78,20 +94,25 @@ fn text(path: &Path, robot: &str, arm: &Robot) -> Result<String, Failure> {
     let whole = TEMPLATE
         .replace("NAME", &quoted(&stem))
         .replace("ROBOT", &quoted(&beside))
-        .replace("FILE", &file);
+        .replace("FILE", &file)
+        .replace("TITLE", shape.title());
     for start in starts(arm) {
         for (axis, length) in LENGTHS
             .iter()
-            .flat_map(|length| ["z", "x", "y"].map(|axis| (axis, length)))
+            .flat_map(|length| [2, 0, 1].map(|axis| (axis, length)))
         {
             for sign in [1.0, -1.0] {
-                let lengths = [length * sign, -length * sign].map(|length| length.to_string());
+                let (segments, rows) = shape.segments(&stem, axis, length * sign);
                 let text = whole
                     .replace("START", &start)
-                    .replace("AXIS", axis)
-                    .replace("-LENGTH", &lengths[1])
-                    .replace("LENGTH", &lengths[0]);
-                let scenario = Scenario::parse(&file, &text, &[])?;
+                    .replace("SEGMENTS", &segments);
+                let mut scenario = Scenario::parse(&file, &text, &[])?;
+                for segment in &mut scenario.segment {
+                    if let (Some(table), Some(rows)) = (&mut segment.table, &rows) {
+                        table.rows.clone_from(rows);
+                    }
+                    segment.take_times();
+                }
                 let trial = Trial {
                     robot: arm,
                     scenario,
@@ -101,13 +122,13 @@ fn text(path: &Path, robot: &str, arm: &Robot) -> Result<String, Failure> {
                     .run()
                     .is_ok_and(|row| row.outcome == REACHED && row.task.s2)
                 {
-                    return Ok(text);
+                    return Ok((text, rows));
                 }
             }
         }
     }
     Err(Failure::Work(format!(
-        "no straight line was found that {} can follow: name a bent posture in its description (docs/reference/arm.md), and try again",
+        "no such path was found that {} can follow: name a bent posture in its description (docs/reference/arm.md), and try again",
         arm.name
     )))
 }

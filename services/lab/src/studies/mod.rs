@@ -5,7 +5,7 @@ pub mod posture;
 pub mod posture_text;
 pub mod steered;
 
-pub use first::begin;
+pub use first::{Shape, begin};
 
 pub(crate) mod singular_lines;
 
