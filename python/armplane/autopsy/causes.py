@@ -500,6 +500,9 @@ def find(log, m):
         # After a gap the command has moved on; and a cause is no longer one where another goes before it.
         if one.cause == "jump in the command" and hole and hole.t - 0.02 <= one.t <= hole.data.get("until", hole.t) + 0.1:
             one.weight -= 0.1
+        elif one.cause == "jump in the command" and one.data["role"] == "q_cmd" and lock and lock.data["by"] in ("twist", "pose") and lock.t < one.t:
+            # The hand's command is smooth, and what has become of it in joints is the singularity's.
+            one.weight -= 0.2
         elif any(other.t < one.t - 0.25 and other.weight > 0.75 for other in found if other is not one):
             one.weight -= 0.15
     if not found:

@@ -60,7 +60,7 @@ def find(path):
         return [(path, None)]
     found = []
     for one in sorted(path.iterdir()):
-        if one.suffix.lower() in KINDS or (one.is_dir() and any(one.glob(name) for name in ("*.db3", "*.mcap", "meta/info.json"))):
+        if one.suffix.lower() in KINDS or (one.is_dir() and any(any(one.glob(name)) for name in ("*.db3", "*.mcap", "meta/info.json"))):
             found += find(one)
     if not found:
         raise LogError(f"{path} holds no log: give a folder with {', '.join(KINDS)} files, or of a rosbag2 or LeRobot recording")

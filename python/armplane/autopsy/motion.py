@@ -212,12 +212,12 @@ class Motion:
         p = pose[rows, :3, 3]
         off = self._misfit(self.q[rows], p)
         span = np.linalg.norm(p - p.mean(axis=0), axis=1).max()
-        if span < 0.02 or off < 0.1 * span + 0.003:
+        if span < 0.02 or off < 0.03 * span + 0.003:
             return
         best = (off, None)
         for order in itertools.permutations(range(self.robot.dof)) if self.robot.dof < 7 else ():
             best = min(best, (self._misfit(self.q[rows][:, order], p, turns=1), order), key=lambda one: one[0])
-        if best[1] is not None and best[0] < 0.02 * span + 0.002:
+        if best[1] is not None and best[0] < min(0.02 * span + 0.002, 0.2 * off):
             self._adopt(best[1], "the hand is then where the log has it")
         self.fits = False
         self.notes.append(f"The log's hand is {off * 1000:.0f} mm from where {self.robot.name} has it, for any tool: another robot, units or order of joints?")
