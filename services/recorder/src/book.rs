@@ -108,8 +108,12 @@ impl<'a> Book<'a> {
     pub(crate) fn judge_rest(&mut self, is_killed: bool) {
         let mut rest: Vec<_> = std::iter::from_fn(|| self.assembler.rest()).collect();
         if is_killed {
-            let is_whole = |row: &Box<Row>| Tick::of(&row.messages().lent()).is_some();
-            rest.truncate(rest.iter().rposition(is_whole).map_or(0, |last| last + 1));
+            let is_whole = |row: &Row| Tick::of(&row.messages().lent()).is_some();
+            rest.truncate(
+                rest.iter()
+                    .rposition(|row| is_whole(row))
+                    .map_or(0, |last| last + 1),
+            );
         }
         rest.iter().for_each(|row| self.judge(row));
     }
