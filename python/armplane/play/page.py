@@ -25,7 +25,7 @@ from .session import FILES, Session
 
 RATE_HZ = 40
 # So long nobody touches the page before the arm goes on tour, s.
-PATIENCE_S = 4.0
+PATIENCE_S = 15.0
 # A longer run ends as soon as nobody has a hand on it, s: its recording grows by 2 MB a second.
 FULL_S = 120
 # Whoever steers may pause so long, s.

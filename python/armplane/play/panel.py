@@ -103,7 +103,7 @@ def page(robot, seen, ghost, story, foot, state):
             f'<div class="ap" data-state="{html.escape(json.dumps(state))}">',
             f'<div class="say" style="border-color:{colour}">{text}',
             f"<small>{detail or '&nbsp;'}</small></div>",
-            "<h3>|s| of each singularity; line: η, where the law begins</h3>",
+            "<h3>Distance to each singularity; left of the line, the null space takes over</h3>",
             *_measures(robot, seen["singularity"]),
             "<h3>Joints: speed (left) and torque (right), as shares of their limits</h3>",
             *_joints(robot, seen, ghost),
