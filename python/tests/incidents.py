@@ -116,7 +116,7 @@ class Arm:
         return None
 
     def zeta(self, q):
-        """What is lost at the singular posture nearest to `q`: the lost force's direction (None for a pure rotation) and the lost rotation at the wrist."""
+        """The direction lost at the singular posture nearest to `q`: the lost force's direction (None for a pure rotation) and the lost rotation at the wrist."""
         at = self.singular_near(q)
         at = q if at is None or np.abs(at - q).max() > 0.4 else at
         w = self.sigma(at)[0] / np.r_[np.full(3, self.length), np.ones(3)]
@@ -340,7 +340,7 @@ def quaternion(R):
 
 
 class Base:
-    """What an arm does when something else happens: a joint trajectory, or a twist far from (or beside) a singular posture."""
+    """The motion of an arm when something else happens: a joint trajectory, or a twist far from (or beside) a singular posture."""
 
     def __init__(self, arm, rng, mode, decoy, fraction):
         self.arm, self.mode, self.fraction = arm, mode, fraction
@@ -466,7 +466,7 @@ def _to_the_limit(base, arm, rng):
 
 
 def log_rows(arm, rows, rng, rate):
-    """What a logger writes of the simulated steps: every so many, rounded by encoders."""
+    """The rows that a logger writes of the simulated steps: every so many, rounded by encoders."""
     every = max(1, round(1 / (rate * arm.dt)))
     rows = rows[::every]
     log = {key: np.array([row[key] for row in rows]) for key in rows[0] if rows[0][key] is not None}

@@ -368,7 +368,7 @@ def test_each_side_may_be_killed_and_stopped(mode, store, tmp_path):
         while face.pid() and time.monotonic() < end:
             time.sleep(0.1)
         assert face.pid() is None
-    # What a killed launcher leaves in shared memory.
+    # A killed launcher leaves this in shared memory.
     subprocess.run([_program(), "clean"], check=True, capture_output=True)
 
 

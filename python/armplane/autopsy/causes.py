@@ -1,4 +1,4 @@
-"""What happened in a log, and why: evidence for each cause, ranked.
+"""The incident in a log and its cause: evidence for each cause, ranked.
 
 Each function looks for one cause and returns its `Evidence`, or `None`. `find` weighs them: a cause must come before what it explains, and what came in from
 outside (a NaN, a gap, a jump in the command) goes before what the arm did about it.
@@ -27,7 +27,7 @@ class Evidence:
 
 @dataclass
 class Effect:
-    """What was seen: `what` (stopped, jumped, shook, left limits, strayed), from `t` on (s), and in words."""
+    """An incident as it was seen: `what` (stopped, jumped, shook, left limits, strayed), from `t` on (s), and in words."""
 
     what: str
     t: float
@@ -111,7 +111,7 @@ def command_jump(log, m):
         x, t = x[known], stream.t[known]
         step = np.diff(x, axis=0)
         usual = np.median(np.diff(t))
-        # What is left of a step beyond the mean of the ones around it; a gap's step may be as long as the gap.
+        # The part of a step beyond the mean of the ones around it; a gap's step may be as long as the gap.
         around = (np.r_[step[:1], step[:-1]] + np.r_[step[1:], step[-1:]]) / 2
         odd = np.abs(step - around).max(axis=1) - 1.5 * np.abs(around).max(axis=1) * np.maximum(np.diff(t) / usual - 1, 0)
         k = int(np.argmax(odd))
@@ -231,7 +231,7 @@ def oscillation(m):
             continue
         a, b = found
         k = a + int(np.argmax(power[a:b]))
-        # What rings down after a stop or a blow is no cause.
+        # An oscillation that rings down after a stop or a blow is no cause.
         if power[(a + b) // 2 : b].mean() < 0.6 * power[a : (a + b) // 2].mean():
             continue
         # The window begins to see it up to half a width before its middle.
@@ -249,7 +249,7 @@ def oscillation(m):
 def singularity(m):
     """The arm near a lost direction ζ while the hand was asked to move along it, and did not, or only with far more joint speed than there is.
 
-    What was asked is the twist or pose of the log; with joint commands alone, which pass any posture, it is the hand's steady motion before.
+    The motion asked for is the twist or pose of the log; with joint commands alone, which pass any posture, it is the hand's steady motion before.
     """
     if m.asked_by in ("twist", "pose"):
         return _along(m, m.asked, m.asked_by)
@@ -384,7 +384,7 @@ def nearest(m, q):
         if sigma[0] < 0.15 * m.usual and np.abs(at - q).max() < 0.4 and one:
             break
     u, named = r.decompose(r.move(at[None])[1])[0][0], one is not None
-    # What is lost is a wrench at the hand, u: its force is the translation lost, wherever on the hand. A lost rotation is that of the wrist about itself.
+    # The lost direction is a wrench at the hand, u: its force is the translation lost, wherever on the hand. A lost rotation is that of the wrist about itself.
     turns = np.linalg.norm(one.direction[:3]) < 0.5 if named else np.linalg.norm(u[:3]) < 0.3
     arm = r.arm.step_many(at[None])["p_BC"][0] - r.move(at[None])[0][0, :3, 3]
     if named and turns and np.linalg.norm(u[3:] - np.cross(arm, u[:3] / r.length)) < 0.3 * np.linalg.norm(u[:3]):
@@ -404,7 +404,7 @@ def vector(zeta):
 
 
 def effects(log, m):
-    """What can be seen of an incident, in order of time."""
+    """All that can be seen of an incident, in order of time."""
     found = [*_stops(m), *_strays(m), *_jumps(m)]
     return sorted(found, key=lambda one: one.t)
 

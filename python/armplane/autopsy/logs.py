@@ -35,7 +35,7 @@ class Table:
 
 @dataclass
 class Source:
-    """What a log holds: tables, its robot's URDF where it has one, and sentences about its defects."""
+    """The contents of a log: tables, its robot's URDF where it has one, and sentences about its defects."""
 
     name: str
     tables: list

@@ -56,7 +56,7 @@ def options(text):
 
 
 class Ros2(Observer):
-    """What a run shows and hears in ROS 2."""
+    """All that a run shows and hears in ROS 2."""
 
     def setup(self):
         self.given = options(sys.argv[1] if len(sys.argv) > 1 else "")

@@ -62,7 +62,7 @@ pub enum Defect {
         "joint '{joint}' mimics '{leader}'; mimic joints are not supported in the chain: make it fixed or independent"
     )]
     Mimic { joint: String, leader: String },
-    /// What is unknown of an arm that is to move, and a block to fill in.
+    /// Gaps of an arm that is to move, and a block to fill in.
     #[error("it cannot move yet: {0}")]
     Gaps(String),
     /// Principal moments in kg·m².

@@ -152,7 +152,7 @@ fn unlimited(joints: &[Joint]) -> impl Iterator<Item = String> {
     })
 }
 
-/// What is unknown of an arm that is to move, with a block to fill in; its joints have no such limits then. `None` where nothing is.
+/// The gaps of an arm that is to move, with a block to fill in; its joints have no such limits then. `None` where there are none.
 fn gaps(robot: &str, joints: &mut [Joint]) -> Option<String> {
     let (mut limits, mut links) = (String::new(), Vec::new());
     for joint in joints {

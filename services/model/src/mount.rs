@@ -1,4 +1,4 @@
-//! What an arm carries, and how it stands.
+//! The tool and the loads that an arm carries.
 
 use crate::error::Defect;
 use crate::joint::{Frame, Joint};
@@ -87,7 +87,7 @@ mod tests {
 
     const Q: Vector6<f64> = Vector6::new(0.3, -0.9, 2.6, 0.4, 0.8, -0.5);
 
-    /// What a mass at the hand weighs in the joints is Jᵀ of its weight.
+    /// The torque of a mass at the hand is Jᵀ of its weight.
     #[test]
     fn a_load_weighs_as_its_weight_at_its_place() {
         let (plain, mut loaded) = (Robot::builtin("puma560").unwrap(), puma(""));

@@ -36,7 +36,7 @@ pub struct Robot {
     pub postures: BTreeMap<String, Vec<f64>>,
     /// Resolution of the joint encoders, bits per turn.
     pub encoder_bits: u32,
-    /// What is unknown of an arm that is to move, as [`complete`](Self::complete) refuses it.
+    /// The gaps of an arm that is to move, as [`complete`](Self::complete) refuses it.
     pub(crate) gaps: Option<String>,
     /// Assumptions and omissions of the reading, one sentence each, for display.
     pub notes: Vec<String>,

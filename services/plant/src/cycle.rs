@@ -33,7 +33,7 @@ pub struct Cycle<const N: usize> {
     encoders: Encoders<N>,
     /// Number of the arm's joints; further entries of a command are ignored.
     dof: usize,
-    /// What pushes the hand, and the length of a tick, s.
+    /// The pushes on the hand, and the length of a tick, s.
     push: Vec<Push>,
     dt_s: f64,
 }

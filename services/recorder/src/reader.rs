@@ -65,7 +65,7 @@ pub struct RecordReader {
     /// Ticks at which it is not as it was written.
     damage: Vec<u64>,
     is_ended: bool,
-    /// What is of this tick or later is passed over, but for a cut at it.
+    /// Messages of this tick or later are passed over, but for a cut at it.
     limit: u64,
 }
 

@@ -147,7 +147,7 @@ fn beginning(mut from: impl Read + Send + 'static) -> Receiver<Vec<u8>> {
     thread::spawn(move || {
         let mut kept = Vec::new();
         let read = from.by_ref().take(ANSWER).read_to_end(&mut kept);
-        // What is left would stop the program.
+        // An answer that nobody reads would stop the program.
         let left = std::io::copy(&mut from, &mut std::io::sink());
         send.send(if read.and(left).is_ok() {
             kept

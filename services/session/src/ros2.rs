@@ -13,7 +13,7 @@ use crate::python::Python;
 const MODULE: &str = "armplane.ros2";
 const NAME: &str = "ros2";
 
-/// What it shows, where the graph has it.
+/// The topics that it shows, where the graph has them.
 const READS: [&str; 5] = [
     "sensor",
     "estimate",
