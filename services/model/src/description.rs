@@ -74,7 +74,7 @@ pub(crate) struct Description {
     factors: Factors,
     joints: BTreeMap<String, JointTable>,
     postures: BTreeMap<String, Posture>,
-    /// What a file of another format has that is left out.
+    /// Parts of a file of another format that are left out, a sentence each.
     pub(crate) notes: Vec<String>,
 }
 
@@ -84,6 +84,18 @@ pub(crate) struct Description {
 enum Posture {
     List(Vec<f64>),
     ByJoint(BTreeMap<String, f64>),
+}
+
+impl Posture {
+    /// The positions of the chain's joints; `None` where one of them has none.
+    fn of_chain(self, joints: &[Joint]) -> Option<Vec<f64>> {
+        match self {
+            Self::List(q) => Some(q),
+            Self::ByJoint(all) => (joints.iter())
+                .map(|joint| all.get(&joint.name).copied())
+                .collect(),
+        }
+    }
 }
 
 #[derive(Debug, Deserialize)]
@@ -203,25 +215,17 @@ impl Description {
         };
         check_values(robot, &task, lengths)?;
         for (name, posture) in self.postures {
-            let q = match posture {
-                Posture::List(q) => q,
-                Posture::ByJoint(all) => {
-                    let joints = robot.joints.iter();
-                    let q: Option<Vec<_>> =
-                        joints.map(|joint| all.get(&joint.name).copied()).collect();
-                    match q.map(|q| (robot.check_posture(&q), q)) {
-                        Some((Ok(()), q)) => q,
-                        Some((Err(reason), _)) => {
-                            robot
-                                .notes
-                                .push(format!("posture '{name}' is left out: {reason}"));
-                            continue;
-                        }
-                        None => continue,
-                    }
-                }
+            let is_key = matches!(posture, Posture::ByJoint(_));
+            let Some(q) = posture.of_chain(&robot.joints) else {
+                continue;
             };
-            robot.postures.insert(name, q);
+            match robot.check_posture(&q) {
+                Err(reason) if is_key => {
+                    let note = format!("posture '{name}' is left out: {reason}");
+                    robot.notes.push(note);
+                }
+                _ => drop(robot.postures.insert(name, q)),
+            }
         }
         if robot.postures.is_empty() {
             robot.postures.insert("middle".to_owned(), robot.middle());

@@ -108,12 +108,9 @@ impl<'a> Book<'a> {
     pub(crate) fn judge_rest(&mut self, is_killed: bool) {
         let mut rest: Vec<_> = std::iter::from_fn(|| self.assembler.rest()).collect();
         if is_killed {
-            let is_whole = |row: &Row| Tick::of(&row.messages().lent()).is_some();
-            rest.truncate(
-                rest.iter()
-                    .rposition(|row| is_whole(row))
-                    .map_or(0, |last| last + 1),
-            );
+            let whole = |row: &Row| Tick::of(&row.messages().lent()).is_some();
+            let last = rest.iter().rposition(|row| whole(row));
+            rest.truncate(last.map_or(0, |last| last + 1));
         }
         rest.iter().for_each(|row| self.judge(row));
     }
