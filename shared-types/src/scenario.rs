@@ -122,8 +122,18 @@ fn settle_s() -> f64 {
 /// Whether a text can name a scenario or a sweep: ASCII letters, digits, `-`, `_` and `.`.
 #[must_use]
 pub fn is_name(text: &str) -> bool {
-    let is_part = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
-    !text.is_empty() && text.chars().all(is_part)
+    !text.is_empty() && text.chars().all(is_part_of_name)
+}
+
+/// A name as near to a text as can be: `-` for each character that no name has.
+#[must_use]
+pub fn as_name(text: &str) -> String {
+    let part = |c| if is_part_of_name(c) { c } else { '-' };
+    text.chars().map(part).collect()
+}
+
+fn is_part_of_name(c: char) -> bool {
+    c.is_ascii_alphanumeric() || "-_.".contains(c)
 }
 
 impl Scenario {

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use model::Robot;
 use shared_types::process::{Process, Program};
-use shared_types::scenario::Start;
+use shared_types::scenario::{self, Start};
 use shared_types::target_file::{self, InvalidRow};
 use sim::scenarios;
 
@@ -144,7 +144,8 @@ impl Steering {
             .map_err(|error| Failure::Input(format!("--start: {error}")))?;
         let start = toml::Table::try_from(&start).map_err(Failure::work)?;
         let mut table = toml::Table::new();
-        table.insert("name".to_owned(), format!("servo-{}", robot.name).into());
+        let name = scenario::as_name(&format!("servo-{}", robot.name));
+        table.insert("name".to_owned(), name.into());
         table.insert("robot".to_owned(), self.subject.clone().into());
         table.insert("start".to_owned(), start.into());
         // The name of a file that is not read: the targets come from elsewhere.
