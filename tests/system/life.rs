@@ -75,6 +75,28 @@ fn what_a_process_was_making_when_it_died_is_cleared_away() {
     assert_eq!(restarts(&summary, "controller"), 1, "{}", summary["faults"]);
 }
 
+/// Its processes could go on, but none could be replaced, and the recorder's account would be lost.
+#[test]
+fn a_run_whose_shared_memory_is_emptied_ends_at_once_and_says_so() {
+    for mode in ["lockstep", "realtime"] {
+        let desk = Desk::new();
+        let run = recording(&desk, &format!("--mode {mode}"));
+        let names = in_shared_memory(run.id());
+        for path in names.iter().map(|name| Path::new("/dev/shm").join(name)) {
+            let is_folder = path.is_dir();
+            let removed = match is_folder {
+                true => std::fs::remove_dir_all(&path),
+                false => std::fs::remove_file(&path),
+            };
+            assert!(removed.is_ok() || !path.exists(), "{}", path.display());
+        }
+        // Of 500 s only the ticks until then.
+        let summary = run.finish().json();
+        summary.holds(r#"{"outcome": "failed", "completed": false}"#);
+        assert!(desk.has("results/messages.mcap") && summary["ticks"].count() < 400_000);
+    }
+}
+
 /// A run in real time with something done to it, until it is interrupted.
 fn in_real_time(act: impl Fn(&Desk, &Child)) -> Value {
     let desk = Desk::new();

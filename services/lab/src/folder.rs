@@ -1,9 +1,10 @@
 //! Folders for the files of an experiment: the user's, or one that is gone at the end.
 
+use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use launcher::Interrupts;
-use launcher::folders::{KEPT, PREFIX};
+use launcher::folders::{self, KEPT, PREFIX};
 use session::Failure;
 
 /// Where the runs leave their messages: the user's folder, or one that is gone at the end.
@@ -15,6 +16,8 @@ pub(crate) enum Folder {
 /// A folder that goes with the value. A signal that comes meanwhile waits for that.
 pub(crate) struct Scratch {
     folder: tempfile::TempDir,
+    /// Tells `armplane clean` that it is in use.
+    _lock: File,
     // Dropped last.
     signals: Interrupts,
 }
@@ -83,8 +86,13 @@ pub(crate) fn scratch() -> Result<Scratch, Failure> {
     let folder = tempfile::Builder::new()
         .prefix(&format!("{PREFIX}{}-", std::process::id()))
         .tempdir();
-    let folder = folder.map_err(|error| {
+    let held = folder.and_then(|folder| Ok((folders::hold(folder.path())?, folder)));
+    let (_lock, folder) = held.map_err(|error| {
         Failure::Work(format!("cannot make a temporary folder: {error}; name one with --out, or another place with TMPDIR"))
     })?;
-    Ok(Scratch { folder, signals })
+    Ok(Scratch {
+        folder,
+        _lock,
+        signals,
+    })
 }

@@ -1,6 +1,6 @@
 //! Temporary folders of experiments, each named after its process.
 
-use std::fs::DirEntry;
+use std::fs::{DirEntry, File};
 use std::io;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
@@ -10,6 +10,16 @@ pub const PREFIX: &str = "armplane-";
 
 /// File in a folder that is kept for inspection.
 pub const KEPT: &str = ".kept";
+
+/// Says that an experiment uses its folder, as long as the file is open: in other containers, too, which do not see its process.
+///
+/// # Errors
+/// The folder cannot be opened.
+pub fn hold(folder: &Path) -> io::Result<File> {
+    let lock = File::open(folder)?;
+    lock.try_lock()?;
+    Ok(lock)
+}
 
 /// Temporary folders of this user's experiments that were killed: their processes are gone, and they were not kept for inspection.
 pub fn abandoned() -> Vec<PathBuf> {
@@ -31,7 +41,7 @@ pub fn abandoned() -> Vec<PathBuf> {
         let is_own = folder
             .metadata()
             .is_ok_and(|entry| entry.is_dir() && entry.uid() == rustix::process::getuid().as_raw());
-        is_dead && is_own && !folder.path().join(KEPT).exists()
+        is_dead && is_own && !folder.path().join(KEPT).exists() && hold(&folder.path()).is_ok()
     };
     entries
         .filter(is_abandoned)
@@ -68,12 +78,14 @@ mod tests {
                 .unwrap()
         };
         // Beyond the largest process id of Linux.
-        let (dead, kept, living) = (folder(1 << 23), folder(1 << 23), folder(std::process::id()));
+        let [dead, kept, elsewhere] = [1 << 23; 3].map(folder);
+        let living = folder(std::process::id());
+        let _lock = hold(elsewhere.path()).unwrap();
         std::fs::write(kept.path().join(KEPT), "").unwrap();
         let found = abandoned();
         assert!(found.contains(&dead.path().to_owned()));
-        assert!(
-            !found.contains(&kept.path().to_owned()) && !found.contains(&living.path().to_owned())
-        );
+        for folder in [kept, living, elsewhere] {
+            assert!(!found.contains(&folder.path().to_owned()));
+        }
     }
 }

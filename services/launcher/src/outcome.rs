@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use runtime::{
-    ControlPageError, Exit, FaultRecord, MOST_FAULTS, ManifestError, RunDirError, TopicError,
+    ControlPageError, Exit, FaultRecord, MOST_FAULTS, ManifestError, RunDirError, SHM, TopicError,
 };
 
 /// Why a run could not be prepared; nothing of it is left.
@@ -83,6 +83,14 @@ pub enum Failure {
         /// The first tick without its messages.
         tick: u64,
     },
+    /// The run's directory is gone: no process can be replaced, and the recorder has nowhere to leave its account.
+    #[error(
+        "the run's files in {SHM} are gone since tick {tick}: something has emptied it; run it again"
+    )]
+    Emptied {
+        /// The tick.
+        tick: u64,
+    },
     /// A process did not get ready.
     #[error(
         "{process} was not ready for the first tick within {limit:?}: it must open its topics and ask for its first message"
@@ -106,9 +114,10 @@ pub enum Failure {
 }
 
 impl Failure {
-    /// The process that has failed.
+    /// The process that has failed; empty where none has.
     pub fn process(&self) -> &str {
         match self {
+            Self::Emptied { .. } => "",
             Self::Died { process, .. }
             | Self::NoRoom { process, .. }
             | Self::Slow { process, .. }

@@ -8,7 +8,7 @@ use shared_types::fault::{Kind, Way};
 
 use crate::delay::Delay;
 use crate::launch::Halt;
-use crate::outcome::End;
+use crate::outcome::{End, Failure};
 use crate::plan::{Commands, Event, Report, Restart};
 use crate::signals::Interrupts;
 use crate::spawn::{BEAT, Supervised};
@@ -55,6 +55,9 @@ impl Supervised {
             self.pass_lines_on(report);
             let ticks = self.ticks();
             report(Event::Progress { ticks });
+            if !self.run.path().exists() {
+                return Halt::End(End::Failed(Failure::Emptied { tick: ticks }));
+            }
             let again = self
                 .stops_at
                 .filter(|(_, at)| ticks >= *at && ending.is_none());
