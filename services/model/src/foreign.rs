@@ -1,4 +1,7 @@
-//! The size of a URDF, looked at before it is parsed; and elements and attributes of other programs in it: `<drake:…>`, `drake:…="…"`, `xmlns:…`.
+//! The size of a URDF, looked at before it is parsed; elements and attributes of other programs in it: `<drake:…>`, `drake:…="…"`, `xmlns:…`; and what it
+//! lacks without which the parser takes nothing of it.
+
+use std::collections::BTreeSet;
 
 use quick_xml::events::{BytesStart, Event};
 use quick_xml::{Reader, Writer};
@@ -10,10 +13,21 @@ const LONGEST_TAG: usize = 4096;
 const MOST_ELEMENTS: usize = 20_000;
 const DEEPEST: usize = 64;
 
-/// The URDF without elements and attributes that carry a namespace prefix, which no URDF element has.
+/// A URDF as its parser takes it.
+pub(crate) struct Own {
+    pub(crate) text: String,
+    /// The links whose `<inertial>` lacks mass or inertia; it is left out.
+    pub(crate) incomplete: BTreeSet<String>,
+}
+
+/// Attributes of `<inertia>`.
+const INERTIA: [&str; 6] = ["ixx", "ixy", "ixz", "iyy", "iyz", "izz"];
+
+/// The URDF without elements and attributes that carry a namespace prefix, which no URDF element has, and without an incomplete `<inertial>`; a `<limit>`
+/// without a speed has the speed 0, which is none.
 ///
 /// An element goes with all that it holds. Errors: what is no XML, a text larger than any robot's, and a xacro element, whose meaning is part of the robot.
-pub(crate) fn without_foreign(text: &str) -> Result<String, String> {
+pub(crate) fn without_foreign(text: &str) -> Result<Own, String> {
     let mut reader = Reader::from_str(text);
     let within = |size: usize, most: usize, what: &str| match size > most {
         true => Err(format!(
@@ -24,6 +38,9 @@ pub(crate) fn without_foreign(text: &str) -> Result<String, String> {
     within(text.len(), LONGEST, "bytes")?;
     let mut writer = Writer::new(Vec::with_capacity(text.len()));
     let (mut elements, mut depth) = (0, 0_usize);
+    let (mut link, mut incomplete) = (String::new(), BTreeSet::new());
+    // Where the last <inertial> begins, and what it has of mass and inertia.
+    let (mut inertial, mut has) = (0, [false; 2]);
     loop {
         let position = reader.buffer_position();
         let no_xml = |error: quick_xml::Error| format!("{error}, near byte {position}");
@@ -41,6 +58,21 @@ pub(crate) fn without_foreign(text: &str) -> Result<String, String> {
             Event::End(_) => depth = depth.saturating_sub(1),
             _ => {}
         }
+        if let Event::Start(tag) | Event::Empty(tag) = &event {
+            let given = |name: &str| tag.try_get_attribute(name).ok().flatten();
+            match tag.name().0 {
+                b"link" => {
+                    let name = given("name").map(|name| name.value.into_owned());
+                    link = String::from_utf8_lossy(&name.unwrap_or_default()).into_owned();
+                }
+                b"inertial" => (inertial, has) = (writer.get_ref().len(), [false; 2]),
+                b"mass" => has[0] |= given("value").is_some(),
+                b"inertia" => has[1] |= INERTIA.iter().all(|name| given(name).is_some()),
+                _ => {}
+            }
+        }
+        let ends = matches!(&event, Event::End(tag) if tag.name().0 == b"inertial")
+            || matches!(&event, Event::Empty(tag) if tag.name().0 == b"inertial");
         within(depth, DEEPEST, "elements inside one another")?;
         let own = match &event {
             Event::Start(tag) if is_foreign(tag)? => reader.read_to_end(tag.name()).map(|_| None),
@@ -54,8 +86,13 @@ pub(crate) fn without_foreign(text: &str) -> Result<String, String> {
                 .write_event(event)
                 .map_err(|error| error.to_string())?;
         }
+        if ends && has != [true; 2] {
+            writer.get_mut().truncate(inertial);
+            incomplete.insert(link.clone());
+        }
     }
-    String::from_utf8(writer.into_inner()).map_err(|error| error.to_string())
+    let text = String::from_utf8(writer.into_inner()).map_err(|error| error.to_string())?;
+    Ok(Own { text, incomplete })
 }
 
 fn is_foreign(tag: &BytesStart<'_>) -> Result<bool, String> {
@@ -75,7 +112,12 @@ fn own_attributes<'a>(tag: &BytesStart<'a>) -> quick_xml::Result<BytesStart<'a>>
         .filter(|attribute| attribute.key.prefix().is_none());
     let mut stripped = tag.to_owned();
     stripped.clear_attributes();
-    Ok(stripped.with_attributes(own.cloned()))
+    let stripped = stripped.with_attributes(own.cloned());
+    let lacks_speed = tag.name().0 == b"limit" && tag.try_get_attribute("velocity")?.is_none();
+    Ok(match lacks_speed {
+        true => stripped.with_attributes([("velocity", "0")]),
+        false => stripped,
+    })
 }
 
 #[cfg(test)]
@@ -86,11 +128,13 @@ mod tests {
     fn prefixed_elements_and_attributes_are_left_out() {
         let text = r#"<?xml version="1.0"?><robot name="a" xmlns:drake="http://drake.mit.edu" drake:x='1'>
 <!-- <drake:kept/> --><drake:ignore/><link name="b"><drake:p a="/>" n=">"><drake:p/><drake:p>x</drake:p></drake:p><mass value="1" drake:v = "2"/></link>
+<link name="c"><inertial><mass value="1"/></inertial></link><limit effort="1"/>
 </robot>"#;
         let expected = r#"<?xml version="1.0"?><robot name="a">
 <!-- <drake:kept/> --><link name="b"><mass value="1"/></link>
+<link name="c"></link><limit effort="1" velocity="0"/>
 </robot>"#;
-        assert_eq!(without_foreign(text).unwrap(), expected);
+        assert_eq!(without_foreign(text).unwrap().text, expected);
         for odd in ["<a", "<a b=\"", "<a:b>", "<!-- x"] {
             assert!(without_foreign(odd).is_err(), "{odd}");
         }

@@ -38,29 +38,26 @@ pub(crate) struct Cut<'a> {
 /// Reads the part `cut` of `text` as a serial chain.
 pub(crate) fn read(text: &str, cut: &Cut<'_>) -> Result<Chain, Defect> {
     let own = without_foreign(text).map_err(Defect::Urdf)?;
-    let urdf = urdf_rs::read_from_string(&own).map_err(|error| {
+    let urdf = urdf_rs::read_from_string(&own.text).map_err(|error| {
         let error = error.to_string();
         // The lines are those of the file, unless its prefixes have no names.
         let document =
-            roxmltree::Document::parse(text).or_else(|_| roxmltree::Document::parse(&own));
+            roxmltree::Document::parse(text).or_else(|_| roxmltree::Document::parse(&own.text));
         let place = document
             .ok()
             .and_then(|document| lacking(&document, &error).or_else(|| unreadable(&document)));
         Defect::Urdf(place.unwrap_or(error))
     })?;
-    Tree::new(&urdf, cut)?.chain(cut.end)
+    Tree::new(&urdf, &own.incomplete, cut)?.chain(cut.end)
 }
 
 /// Where an attribute is missing of which the parser's `error` gives the name, but not the place.
 fn lacking(document: &roxmltree::Document<'_>, error: &str) -> Option<String> {
     /// Elements with the attributes that each of them needs.
-    const NEEDED: [(&str, &[&str]); 9] = [
-        ("limit", &["velocity"]),
+    const NEEDED: [(&str, &[&str]); 6] = [
         ("joint", &["type"]),
         ("parent", &["link"]),
         ("child", &["link"]),
-        ("mass", &["value"]),
-        ("inertia", &["ixx", "ixy", "ixz", "iyy", "iyz", "izz"]),
         ("cylinder", &["radius", "length"]),
         ("sphere", &["radius"]),
         ("mesh", &["filename"]),
@@ -120,6 +117,8 @@ const GRIPPER: [&str; 4] = ["finger", "gripper", "jaw", "knuckle"];
 /// The URDF's links and joints, by name.
 struct Tree<'a> {
     urdf: &'a urdf_rs::Robot,
+    /// Links whose mass or inertia is missing.
+    incomplete: &'a BTreeSet<String>,
     links: BTreeMap<&'a str, &'a urdf_rs::Link>,
     /// The joints out of each link, in file order.
     children: BTreeMap<&'a str, Vec<&'a urdf_rs::Joint>>,
@@ -136,10 +135,15 @@ struct Tree<'a> {
 type Rigid<'a> = Vec<(&'a str, Pose)>;
 
 impl<'a> Tree<'a> {
-    fn new(urdf: &'a urdf_rs::Robot, cut: &Cut<'_>) -> Result<Self, Defect> {
+    fn new(
+        urdf: &'a urdf_rs::Robot,
+        incomplete: &'a BTreeSet<String>,
+        cut: &Cut<'_>,
+    ) -> Result<Self, Defect> {
         let refuse = |reason: String| Err(Defect::NotATree(reason));
         let mut tree = Self {
             urdf,
+            incomplete,
             links: BTreeMap::new(),
             children: BTreeMap::new(),
             parent: BTreeMap::new(),
@@ -494,7 +498,8 @@ impl<'a> Tree<'a> {
         })
     }
 
-    /// Mass, centre of mass, and inertia about it, of links that a joint moves as one, in the first one's frame; NaN where none of them has any.
+    /// Mass, centre of mass, and inertia about it, of links that a joint moves as one, in the first one's frame; NaN where none of them has any,
+    /// or one lacks a part of it.
     fn lump(&self, rigid: &Rigid<'a>) -> Result<(f64, Vector3<f64>, Matrix3<f64>), Defect> {
         let mut bodies = Vec::new();
         for &(name, X_LF) in rigid {
@@ -523,7 +528,8 @@ impl<'a> Tree<'a> {
         }
         let name = rigid[0].0;
         let mass: f64 = bodies.iter().map(|(m, ..)| m).sum();
-        if mass <= 0.0 {
+        let is_incomplete = |(name, _): &(&str, Pose)| self.incomplete.contains(*name);
+        if mass <= 0.0 || rigid.iter().any(is_incomplete) {
             let unknown = f64::NAN;
             return Ok((unknown, Vector3::repeat(unknown), Matrix3::repeat(unknown)));
         }
