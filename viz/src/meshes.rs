@@ -8,6 +8,8 @@ use std::path::{Path, PathBuf};
 use glam::Vec3;
 use mesh_loader::{Loader, Scene};
 use model::{Geometry, Robot};
+use quick_xml::Reader;
+use quick_xml::events::Event;
 
 use crate::body::Mesh;
 
@@ -100,12 +102,71 @@ fn read(robot: &Robot, file: &str) -> Result<Scene, String> {
         None => "there is no such file in the folder of the robot's file",
     })?;
     let bytes = files::read(&path).map_err(|error| error.to_string())?;
+    let is_collada = path
+        .extension()
+        .is_some_and(|ending| ending.eq_ignore_ascii_case("dae"));
+    if is_collada {
+        check_collada(&bytes)?;
+    }
     let loader = Loader::default().custom_reader(files::read);
     match guarded(|| loader.load_from_slice(&bytes, &path)) {
         Ok(Ok(scene)) if scene.meshes.iter().any(|mesh| !mesh.faces.is_empty()) => Ok(scene),
         Ok(Err(error)) => Err(error.to_string()),
         _ => Err("it is no STL, OBJ or COLLADA file with triangles".to_owned()),
     }
+}
+
+/// Elements inside one another that a mesh needs at most: the parser takes stack for each.
+const DEEPEST: usize = 64;
+
+/// Refuses what ends the parser, or keeps it for ever: elements too deep, arrays that claim more numbers than the file has bytes for, lists of names.
+fn check_collada(bytes: &[u8]) -> Result<(), String> {
+    let mut reader = Reader::from_reader(bytes);
+    let (mut depth, mut is_vcount) = (0_usize, false);
+    let (mut numbers, mut width) = (0_u64, 1_u64);
+    loop {
+        let event = reader.read_event().map_err(|error| error.to_string())?;
+        match &event {
+            Event::Eof => return Ok(()),
+            Event::Start(_) => depth += 1,
+            Event::End(_) => depth = depth.saturating_sub(1),
+            Event::Text(text) if is_vcount => {
+                let corners = std::str::from_utf8(text).unwrap_or_default();
+                let corners = corners.split_whitespace().map(number);
+                numbers = numbers.max(corners.fold(0, u64::saturating_add));
+            }
+            _ => {}
+        }
+        if let Event::Start(tag) | Event::Empty(tag) = &event {
+            is_vcount = tag.name().0 == b"vcount";
+            if [b"Name_array".as_slice(), b"IDREF_array"].contains(&tag.name().0) {
+                return Err(
+                    "it has lists of names, as of a skeleton: export the mesh alone".to_owned(),
+                );
+            }
+            for attribute in tag.attributes().flatten() {
+                let value = || number(&String::from_utf8_lossy(&attribute.value));
+                match attribute.key.0 {
+                    b"count" => numbers = numbers.max(value()),
+                    b"offset" => width = width.max(value().saturating_add(1)),
+                    _ => {}
+                }
+            }
+        }
+        if depth > DEEPEST {
+            return Err(format!(
+                "it has more than {DEEPEST} elements inside one another"
+            ));
+        }
+        if numbers.saturating_mul(width) > 4 * bytes.len() as u64 {
+            return Err("it claims more numbers than it has".to_owned());
+        }
+    }
+}
+
+/// A count in a file; one that is none is larger than any.
+fn number(text: &str) -> u64 {
+    text.trim().parse().unwrap_or(u64::MAX)
 }
 
 /// Does work that panics on damaged bytes, without the words of its panic.
@@ -225,6 +286,25 @@ endsolid t
             assert!(corners.iter().zip(&placed).all(near), "{mesh}: {corners:?}");
             assert_eq!(corners.len(), if is_read { 3 } else { 0 }, "{mesh}");
             assert_eq!(colour == 0xff0000ff, is_read, "{mesh}");
+        }
+    }
+
+    #[test]
+    fn a_mesh_that_would_end_or_hold_up_its_parser_is_refused() {
+        let nested = "<node>".repeat(20_000) + &"</node>".repeat(20_000);
+        let node = r#"<node id="n">"#;
+        assert!(check_collada(DAE.as_bytes()).is_ok());
+        for (own, hostile) in [
+            (r#"count="9""#, r#"count="4294967295""#),
+            (r#"<triangles count="1">"#, r#"<triangles count="-1">"#),
+            (r#"offset="0""#, r#"offset="4000000000""#),
+            ("<p>", "<vcount>4000000000 1</vcount><p>"),
+            (node, &format!("{nested}{node}")),
+            ("<mesh>", r#"<mesh><Name_array count="1">a</Name_array>"#),
+        ] {
+            let text = DAE.replacen(own, hostile, 1);
+            assert_ne!(text, DAE);
+            assert!(check_collada(text.as_bytes()).is_err(), "{hostile:.60}");
         }
     }
 }
