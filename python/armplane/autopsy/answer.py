@@ -1,15 +1,20 @@
 """The answer about one log."""
 
+import functools
+
 import numpy as np
 
 from .causes import CAUSES, find
-from .columns import ROLES, Log, Stream, choose
+from .columns import ROLES, Log, Stream, choose, useful
 from .logs import LogError, read
 from .motion import motion_of
 from .robot import Robot
 
-# Rows that are looked at together; a longer log is taken in pieces, and the clearest one counts.
-PIECE = 120_000
+# Rows that are looked at together; a longer log is taken in pieces that overlap, and the clearest one counts.
+PIECE, OVERLAP = 120_000, 1000
+# How the first sentence goes on after the cause's time.
+_REASONS = {"none": "", "another robot": "", "unknown": ", for a reason that the log does not tell", "singularity": ", because of a singularity"}
+_WHAT = {"none": "nothing happened", "another robot": "the log does not fit the robot"}
 
 
 def autopsy(path, robot, tip=None, mapping=None, episode=None, picture=None):
@@ -18,23 +23,24 @@ def autopsy(path, robot, tip=None, mapping=None, episode=None, picture=None):
     `robot`: a `Robot`, a built-in name, the path of a URDF or MJCF file, or `None` for the one in the log. `mapping`: {role of `ROLES`: [columns]}.
     `picture`: where to save one. Raises `LogError` or ValueError with one sentence where the log or the robot cannot be read.
     """
-    source = read(path, episode)
-    if robot is None and source.urdf is None:
-        raise LogError(f"{source.name} holds no /robot_description: name the arm by --robot")
-    robot = robot if isinstance(robot, Robot) else Robot("the log's robot" if robot is None else robot, tip, source.urdf if robot is None else None)
+    mapping = mapping or {}
+    if robot is None:
+        source = read(path, episode)
+        if source.urdf is None:
+            raise LogError(f"{source.name} holds no /robot_description: name the arm by --robot")
+        robot = Robot("the log's robot", tip, source.urdf)
+    else:
+        robot = robot if isinstance(robot, Robot) else Robot(robot, tip)
+        source = read(path, episode, functools.partial(useful, robot=robot, mapping=mapping))
     log = choose(source, robot, mapping)
-    best, others = None, []
+    found = []
     for piece in _pieces(log):
         m = motion_of(piece, robot)
-        seen, found = find(piece, m)
-        worth = (found[0].cause != "none", found[0].weight)
-        if found[0].cause != "none":
-            others.append({"t": round(found[0].t, 4), "cause": found[0].cause})
-        if best is None or worth > best[0]:
-            best = (worth, m, seen, found, piece)
-    _, m, seen, found, piece = best
-    answer = _answer(source, log, robot, m, seen, found)
-    answer["others"] = [one for one in others if one["t"] != answer["evidence"][0]["t"]][:20]
+        found.append((m, *find(piece, m)))
+    m, seen, ranked = max(found, key=lambda one: (one[2][0].cause != "none", one[2][0].weight))
+    answer = _answer(source, log, m, seen, ranked)
+    others = [{"t": round(first.t, 4), "cause": first.cause} for _, _, (first, *_) in found if first.cause != "none" and first is not ranked[0]]
+    answer["others"] = others[:20]
     if picture is not None:
         from .picture import draw
 
@@ -44,38 +50,38 @@ def autopsy(path, robot, tip=None, mapping=None, episode=None, picture=None):
 
 def _pieces(log):
     t = log["q"].t
-    if len(t) <= PIECE:
-        yield log
-        return
-    for k in range(0, len(t) - 1000, PIECE):
-        low, high = t[k], t[min(k + PIECE + 1000, len(t) - 1)]
-        cut = {role: Stream(one.t[keep], one.x[keep], one.name) for role, one in log.streams.items() if (keep := (one.t >= low) & (one.t <= high)).sum() > 10}
-        if "q" in cut:
-            yield Log(log.name, cut, log.notes, log.start)
+    for k in range(0, max(len(t) - OVERLAP, 1), PIECE):
+        low, high = t[k], t[min(k + PIECE + OVERLAP, len(t)) - 1]
+        cut = {role: Stream(one.t[inside], one.x[inside], one.name) for role, one in log.streams.items() if (inside := (one.t >= low) & (one.t <= high)).sum() > 10}
+        yield Log(log.name, cut, log.notes, log.start) if len(t) > PIECE else log
 
 
-def _answer(source, log, robot, m, seen, found):
-    first, effect = found[0], next((one for one in seen if one.t >= found[0].t - 0.3), seen[0] if seen else None)
-    rate, seconds = 1 / m.dt, float(log["q"].t[-1])
-    what = {"none": "nothing happened", "another robot": "the log does not fit the robot"}.get(first.cause) or (effect.what if effect else "it went on")
-    head = f"{source.name}: {what}" + (f" at {first.t:.2f} s" if first.cause not in ("none", "another robot") else "")
-    reason = {"none": "", "another robot": "", "unknown": ", for a reason that the log does not tell", "singularity": ", because of a singularity"}
-    sentences = [head + reason.get(first.cause, f": {'not a singularity, but ' if m.sigma.min() < 0.3 * m.usual else ''}{first.cause}") + "."]
-    sentences += [_sentence(one.text) for one in [effect] if one and one.text != first.text] + [_sentence(first.text)]
-    if first.cause not in ("singularity", "none", "another robot"):
+def _answer(source, log, m, seen, ranked):
+    robot, first, notes = m.robot, ranked[0], [*m.robot.notes, *log.notes, *m.notes]
+    effect = next((one for one in seen if one.t >= first.t - 0.3), seen[0] if seen else None)
+    what, near = _WHAT.get(first.cause) or (effect.what if effect else "it went on"), m.sigma / m.usual
+    when = "" if first.cause in _WHAT else f" at {first.t:.2f} s"
+    reason = _REASONS.get(first.cause, f": {'not a singularity, but ' if near.min() < 0.3 else ''}{first.cause}")
+    sentences = [f"{source.name}: {what}{when}{reason}"] + [_sentence(text) for text in dict.fromkeys([*([effect.text] if effect else []), first.text])]
+    if first.cause not in ("singularity", *_WHAT):
         at = int(np.argmin(np.abs(m.t[m.rows] - first.t)))
-        sentences.append(f"No singularity: then, the smallest singular value was {m.sigma[at] / m.usual:.0%} of this arm's usual one.")
-    if len(found) > 1 and found[1].weight > 0.6:
-        sentences.append(f"Also: {found[1].text}.")
-    sentences += [*robot.notes, *log.notes, *m.notes]
-    sentences.append(f"Read: {', '.join(f'{role} ({one.name})' for role, one in log.streams.items())}; {rate:.0f} Hz, {seconds:.1f} s.")
-    evidence = [{"cause": one.cause, "t": round(one.t, 4), "weight": round(one.weight, 3), "text": one.text, **one.data} for one in found]
+        sentences.append(f"No singularity: then, the smallest singular value was {near[at]:.0%} of this arm's usual one")
+    if len(ranked) > 1 and ranked[1].weight > 0.6:
+        sentences.append(f"Also: {ranked[1].text}")
+    rate, seconds, columns = 1 / m.dt, float(log["q"].t[-1]), {role: one.name for role, one in log.streams.items()}
+    read_as = ", ".join(f"{role} ({name})" for role, name in columns.items())
+    sentences += [*notes, f"Read: {read_as}; {rate:.0f} Hz, {seconds:.1f} s"]
+    evidence = [{"cause": one.cause, "t": round(one.t, 4), "weight": round(one.weight, 3), "text": one.text, **one.data} for one in ranked]
     return {
-        "log": source.name, "robot": robot.name, "cause": first.cause, "what": what, "t": round(first.t, 4), "text": " ".join(sentences),
-        "evidence": evidence, "effects": [{"what": one.what, "t": round(one.t, 4), "text": one.text} for one in seen], "notes": [*robot.notes, *log.notes, *m.notes],
-        "rate_hz": round(rate, 2), "seconds": round(seconds, 3), "start": log.start, "columns": {role: one.name for role, one in log.streams.items()},
+        "log": source.name, "robot": robot.name, "cause": first.cause, "what": what, "t": round(first.t, 4), "text": " ".join(map(_ended, sentences)),
+        "evidence": evidence, "effects": [{"what": one.what, "t": round(one.t, 4), "text": one.text} for one in seen], "notes": notes,
+        "rate_hz": round(rate, 2), "seconds": round(seconds, 3), "start": log.start, "columns": columns,
     }  # fmt: skip
 
 
 def _sentence(text):
-    return text[:1].upper() + text[1:] + ("" if text.endswith((".", "?")) else ".")
+    return text[:1].upper() + text[1:]
+
+
+def _ended(text):
+    return text if text.endswith((".", "?")) else f"{text}."
