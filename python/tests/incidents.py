@@ -1,6 +1,6 @@
 """Incidents of known cause, to judge `armplane autopsy` by: arms in MuJoCo under controllers of others, logged by the libraries of others.
 
-    pip install 'armplane[autopsy]' mujoco example-robot-data
+    pip install 'armplane[autopsy,experiments]' mujoco example-robot-data
     python python/tests/incidents.py 1000 200           # seeds 1000 to 1199: writes the logs, asks, and counts
     python python/tests/incidents.py 1000 200 --keep /tmp/incidents
 
@@ -18,22 +18,26 @@ import xml.etree.ElementTree as ElementTree
 
 import mujoco
 import numpy as np
+import pandas
+import pyarrow
+from pyarrow import parquet
+from scipy.spatial.transform import Rotation
 
 DT = 0.002
 SINGULAR, OTHERS = "singularity", ("joint limit", "speed limit", "torque limit", "gap in the stamps", "jump in the command", "NaN", "oscillation", "unknown", "none")
 LAWS = ("dls", "pinv clamped", "servo halt", "pinv fault", "inverse kinematics", "impedance")
-# An arm without masses, for tests that have no other file.
-PLAIN = """<robot name="plain"><link name="base"/>{links}</robot>"""
+STYLES = ("csv", "csv degrees", "lerobot", "mcap", "rosbag2", "rosbag2 mcap")
+# An arm of six joints with a spherical wrist, without masses: what many drivers' packages have. Place, axis, limit and speed of each joint.
+PLAIN = """0 0 0.4|0 0 1|2.9|2.5\n0.05 0 0|0 1 0|2.0|2.2\n0 0 0.45|0 1 0|2.6|2.5\n0.2 0 0.04|1 0 0|3.1|4.0\n0.22 0 0|0 1 0|2.1|4.0\n0.08 0 0|1 0 0|6.2|6.0"""
 
 
 def plain_urdf():
-    """An arm of six joints with a spherical wrist, without masses: what many drivers' packages have."""
-    rows = [("0 0 0.4", "0 0 1", 2.9, 2.5), ("0.05 0 0", "0 1 0", 2.0, 2.2), ("0 0 0.45", "0 1 0", 2.6, 2.5), ("0.2 0 0.04", "1 0 0", 3.1, 4.0), ("0.22 0 0", "0 1 0", 2.1, 4.0), ("0.08 0 0", "1 0 0", 6.2, 6.0)]  # fmt: skip
     text = ""
-    for k, (xyz, axis, limit, speed) in enumerate(rows, 1):
-        text += f'<link name="l{k}"/><joint name="axis_{k}" type="revolute"><parent link="{f"l{k - 1}" if k > 1 else "base"}"/><child link="l{k}"/>'
-        text += f'<origin xyz="{xyz}" rpy="0 0 0"/><axis xyz="{axis}"/><limit lower="{-limit}" upper="{limit}" velocity="{speed}" effort="0"/></joint>'
-    return PLAIN.format(links=text)
+    for k, row in enumerate(PLAIN.splitlines()):
+        xyz, axis, limit, speed = row.split("|")
+        text += f'<link name="l{k + 1}"/><joint name="axis_{k + 1}" type="revolute"><parent link="l{k}"/><child link="l{k + 1}"/>'
+        text += f'<origin xyz="{xyz}" rpy="0 0 0"/><axis xyz="{axis}"/><limit lower="-{limit}" upper="{limit}" velocity="{speed}" effort="0"/></joint>'
+    return f'<robot name="plain"><link name="l0"/>{text}</robot>'
 
 
 def arms():
@@ -55,37 +59,33 @@ class Arm:
             for one in [*link.findall("visual"), *link.findall("collision")]:
                 link.remove(one)
         parents = {joint.find("child").get("link"): joint for joint in root.findall("joint")}
-        tip = tip or [link.get("name") for link in root.iter("link") if link.get("name") not in {j.find("parent").get("link") for j in parents.values()}][-1]
+        tip = tip or root.findall("link")[-1].get("name")
         chain, link = [], tip
         while link in parents:
             chain.insert(0, parents[link])
-            link = parents[link].find("parent").get("link")
+            link = chain[0].find("parent").get("link")
         for joint in parents.values():
-            if joint not in chain:
-                joint.set("type", "fixed")
+            joint.set("type", joint.get("type") if joint in chain else "fixed")
             for mimic in joint.findall("mimic"):
                 joint.remove(mimic)
-        compiler = '<mujoco><compiler fusestatic="false" discardvisual="true" balanceinertia="true" boundmass="0.3" boundinertia="0.003"/></mujoco>'
-        root.append(ElementTree.fromstring(compiler))
+        root.append(ElementTree.fromstring('<mujoco><compiler fusestatic="false" discardvisual="true" balanceinertia="true" boundmass="0.3" boundinertia="0.003"/></mujoco>'))
         moving = [joint for joint in chain if joint.get("type") != "fixed"]
-        number = lambda joint, key: float(joint.find("limit").get(key) or 0) if joint.find("limit") is not None else 0.0
+        limits = [{} if (limit := joint.find("limit")) is None else limit.attrib for joint in moving]
         self.model = m = mujoco.MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode"))
         self.dt, self.gains = DT, (900.0, 60.0)
         m.opt.timestep, m.opt.integrator = DT, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         m.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
         m.dof_armature[:] += 0.02
-        m.dof_damping[:] = 0.3
-        m.dof_frictionloss[:] = 0
-        self.joints = [joint.get("name") for joint in moving]
-        self.n, self.body = m.nv, m.body(tip).id
-        self.speed = np.array([number(joint, "velocity") for joint in moving])
-        self.effort = np.array([number(joint, "effort") or 1e6 for joint in moving])
+        m.dof_damping[:], m.dof_frictionloss[:] = 0.3, 0
+        self.joints, self.n, self.body, self.asked = [joint.get("name") for joint in moving], m.nv, m.body(tip).id, mujoco.MjData(m)
+        self.speed = np.array([float(limit.get("velocity") or 0) for limit in limits])
+        self.effort = np.array([float(limit.get("effort") or 0) or 1e6 for limit in limits])
         turning = np.array([joint.get("type") == "continuous" for joint in moving])
-        self.lower, self.upper = np.where(turning, -1e3, m.jnt_range[:, 0]), np.where(turning, 1e3, m.jnt_range[:, 1])
-        self.asked = mujoco.MjData(m)
+        self.lower, self.upper = (np.where(turning, side, bound) for side, bound in zip((-1e3, 1e3), m.jnt_range.T))
+        reach = max(np.abs(self.J(np.zeros(self.n))[:3]).max(), 0.2)
+        self.length, self.scale = reach / 2, np.r_[np.full(3, reach / 2), np.ones(3)]
         # A load at the hand that its shoulder cannot carry.
-        self.heavy = 1.2 * min(np.sort(self.effort)[::-1][:2]) / max(np.abs(self.J(np.zeros(self.n))[:3]).max(), 0.2) if self.effort.max() < 1e6 else 0.0
-        self.length = max(np.abs(self.J(np.zeros(self.n))[:3]).max(), 0.2) / 2
+        self.heavy = 1.2 * np.sort(self.effort)[-2] / reach if self.effort.max() < 1e6 else 0.0
 
     def J(self, q):
         d, m = self.asked, self.model
@@ -100,18 +100,22 @@ class Arm:
         self.J(q)
         return self.asked.xpos[self.body].copy(), self.asked.xmat[self.body].reshape(3, 3).copy()
 
-    def sigma(self, q):
-        U, S, Vt = np.linalg.svd(self.J(q) / np.r_[np.full(3, self.length), np.ones(3)][:, None])
-        return U[:, 5], S, Vt[5]
+    def lost(self, q):
+        """The direction that is nearest to being lost, and its singular values."""
+        U, S, _ = np.linalg.svd(self.J(q) / self.scale[:, None])
+        return U[:, 5], S
+
+    def is_inside(self, q, room):
+        return np.all(q > self.lower + room) and np.all(q < self.upper - room)
 
     def singular_near(self, q, steps=40):
         """The posture of lower rank nearest to `q`, by the gradient of the last singular value; `None` where there is none within the limits."""
         q = np.array(q)
         for _ in range(steps):
-            value = self.sigma(q)[1][5]
+            value = self.lost(q)[1][5]
             if value < 2e-4:
                 return q
-            slope = np.array([self.sigma(q + 1e-5 * one)[1][5] - value for one in np.eye(self.n)]) / 1e-5
+            slope = np.array([self.lost(q + 1e-5 * one)[1][5] - value for one in np.eye(self.n)]) / 1e-5
             q = q - np.clip(value * slope / max(slope @ slope, 1e-9), -0.2, 0.2)
         return None
 
@@ -119,32 +123,36 @@ class Arm:
         """The direction lost at the singular posture nearest to `q`: the lost force's direction (None for a pure rotation) and the lost rotation at the wrist."""
         at = self.singular_near(q)
         at = q if at is None or np.abs(at - q).max() > 0.4 else at
-        w = self.sigma(at)[0] / np.r_[np.full(3, self.length), np.ones(3)]
-        J = self.J(at)
-        tip = self.asked.xpos[self.body]
+        w, J = self.lost(at)[0] / self.scale, self.J(at)
         # The wrist: the point of the last joint but one nearest to the axis before it.
         a, b = J[3:, self.n - 3], J[3:, self.n - 2]
-        pa, pb = (self.asked.xanchor[j] for j in (self.n - 3, self.n - 2))
+        pa, pb = self.asked.xanchor[self.n - 3 : self.n - 1]
         skew = 1 - (a @ b) ** 2
         wrist = pb if skew < 1e-9 else pb + b * (((pa - pb) @ b - ((pa - pb) @ a) * (a @ b)) / skew)
-        force, moment = w[:3], w[3:] + np.cross(tip - wrist, w[:3])
-        unit = lambda x: x / max(np.linalg.norm(x), 1e-12)
+        force, moment = w[:3], w[3:] + np.cross(self.asked.xpos[self.body] - wrist, w[:3])
+        sizes = np.linalg.norm(force), np.linalg.norm(moment)
         return {
-            "force": unit(force).tolist() if np.linalg.norm(force) * self.length > 0.05 * np.linalg.norm(moment) else None,
-            "moment": unit(moment).tolist() if np.linalg.norm(moment) > 0.1 * self.length * np.linalg.norm(force) else None,
+            "force": force / sizes[0] if sizes[0] * self.length > 0.05 * sizes[1] else None,
+            "moment": moment / sizes[1] if sizes[1] > 0.1 * self.length * sizes[0] else None,
         }
+
+    def damped(self, q, V, factor):
+        """Joint velocities by damped least squares."""
+        J, V = self.J(q) / self.scale[:, None], V / self.scale
+        return J.T @ np.linalg.solve(J @ J.T + factor**2 * np.eye(6), V)
 
 
 class Drive:
     """Joint drives under computed torque, with limits of torque and speed; they brake on a fault, and keep a row for each control period."""
 
     def __init__(self, arm, q):
-        self.arm, self.gains = arm, arm.gains
-        self.data = mujoco.MjData(arm.model)
+        self.arm, self.gains, self.data = arm, arm.gains, mujoco.MjData(arm.model)
         self.data.qpos[:] = q
         mujoco.mj_forward(arm.model, self.data)
         self.braking, self.delay, self.past, self.load, self.grip = False, 0, [], np.zeros(3), None
-        self.effort, self.saturated, self.torque = arm.effort.copy(), 0, np.zeros(arm.n)
+        self.saturated, self.torque, self.rows = 0.0, np.zeros(arm.n), []
+        if np.any(np.abs(self.data.qfrc_bias) > 0.6 * arm.effort):
+            raise Rejected
 
     @property
     def q(self):
@@ -156,22 +164,25 @@ class Drive:
         return M
 
     def step(self, qc, vc, torque=None):
-        d = self.data
+        d, arm = self.data, self.arm
         self.past.append((d.qpos.copy(), d.qvel.copy()))
         q, v = self.past[-1 - min(self.delay, len(self.past) - 1)]
         if self.braking:
-            tau = d.qfrc_bias - self.M() @ (12.0 * d.qvel)
-        elif torque is not None:
-            tau = torque
-        else:
-            tau = d.qfrc_bias + self.M() @ (self.gains[0] * (qc - q) + self.gains[1] * (vc - v))
-        self.saturated += int((np.abs(tau) > self.effort).any())
-        self.torque = np.clip(tau, -self.effort, self.effort)
+            torque = d.qfrc_bias - self.M() @ (12.0 * d.qvel)
+        elif torque is None:
+            torque = d.qfrc_bias + self.M() @ (self.gains[0] * (qc - q) + self.gains[1] * (vc - v))
+        self.saturated += arm.dt * (np.abs(torque) > arm.effort).any()
+        self.torque = np.clip(torque, -arm.effort, arm.effort)
         d.qfrc_applied[:] = self.torque
-        d.xfrc_applied[self.arm.body, :3] = self.load
+        d.xfrc_applied[arm.body, :3] = self.load
         if self.grip is not None:  # A post that the hand has run into.
-            d.xfrc_applied[self.arm.body, :3] += 2e4 * (self.grip - d.xpos[self.arm.body]) - 150.0 * (self.arm.J(d.qpos)[:3] @ d.qvel)
-        mujoco.mj_step(self.arm.model, d)
+            d.xfrc_applied[arm.body, :3] += 2e4 * (self.grip - d.xpos[arm.body]) - 150.0 * (arm.J(d.qpos)[:3] @ d.qvel)
+        mujoco.mj_step(arm.model, d)
+
+    def log(self, t, qc, vc, V=None, pose=None):
+        """Keeps a row of the state and of the commands."""
+        state = {"t": t, "q": self.q, "qdot": self.data.qvel.copy(), "tau": self.torque.copy()}
+        self.rows.append({**state, "q_cmd": qc, "qdot_cmd": vc, "twist_cmd": V, "pose_cmd": pose})
 
 
 def quintic(x):
@@ -183,12 +194,31 @@ class Rejected(Exception):
     """A draw in which nothing happens, or not the thing wanted."""
 
 
+def require(holds):
+    if not holds:
+        raise Rejected
+
+
+def draw(arm, rng, ends, margin):
+    """A random posture, `margin` of the range from the limits, or from `ends` where those are nearer."""
+    low, high = np.maximum(arm.lower, -ends), np.minimum(arm.upper, ends)
+    return low + (high - low) * rng.uniform(margin, 1 - margin, arm.n)
+
+
 def draw_singular(arm, rng):
-    """A singular posture well within the limits that is not one of several at once, its ζ, and its joint direction."""
+    """A singular posture well within the limits that is not one of several at once."""
     for _ in range(200):
-        low, high = np.maximum(arm.lower, -2.6), np.minimum(arm.upper, 2.6)
-        q = arm.singular_near(low + (high - low) * rng.uniform(0.1, 0.9, arm.n), 25)
-        if q is not None and np.all(q > arm.lower + 0.2) and np.all(q < arm.upper - 0.2) and arm.sigma(q)[1][4] > 0.12 and np.abs(q).max() < 3:
+        q = arm.singular_near(draw(arm, rng, 2.6, 0.1), 25)
+        if q is not None and arm.is_inside(q, 0.2) and arm.lost(q)[1][4] > 0.12 and np.abs(q).max() < 3:
+            return q
+    raise Rejected
+
+
+def draw_regular(arm, rng, floor=0.13):
+    """A posture far from all singular ones."""
+    for _ in range(400):
+        q = draw(arm, rng, 2.4, 0.2)
+        if arm.lost(q)[1][5] > floor:
             return q
     raise Rejected
 
@@ -196,177 +226,130 @@ def draw_singular(arm, rng):
 def approach(arm, rng):
     """A start posture and a constant twist that lead past a singular posture, with a part along ζ."""
     at = draw_singular(arm, rng)
-    u, S, v = arm.sigma(at)
-    slope = np.array([arm.sigma(at + 0.05 * one)[1][5] for one in np.eye(arm.n)])
+    slope = np.array([arm.lost(at + 0.05 * one)[1][5] for one in np.eye(arm.n)])
     near = at + rng.choice([-1, 1]) * rng.uniform(0.02, 0.07) * slope / max(np.linalg.norm(slope), 1e-6)
-    u, S, v = arm.sigma(near)
-    scale = np.r_[np.full(3, arm.length), np.ones(3)]
-    qdot = rng.normal(size=arm.n)
-    V = arm.J(near) @ (qdot / np.linalg.norm(qdot)) / scale
+    u, qdot = arm.lost(near)[0], rng.normal(size=arm.n)
+    V = arm.J(near) @ (qdot / np.linalg.norm(qdot)) / arm.scale
     V = V - (V @ u) * u
-    V = V / max(np.linalg.norm(V), 1e-9) + rng.choice([-1, 1]) * rng.uniform(0.4, 1.5) * u
-    V = V * scale
+    V = (V / max(np.linalg.norm(V), 1e-9) + rng.choice([-1, 1]) * rng.uniform(0.4, 1.5) * u) * arm.scale
     V *= rng.uniform(0.06, 0.2) / max(np.linalg.norm(V[:3]), 0.3 * np.linalg.norm(V[3:]))
     q, back = near.copy(), rng.uniform(0.8, 2.0)
     for _ in range(int(back / 0.01)):
-        q = q - 0.01 * damped(arm.J(q), V, 0.01, arm)
-        if np.any(q < arm.lower + 0.1) or np.any(q > arm.upper - 0.1):
-            raise Rejected
-    if arm.sigma(q)[1][5] < 0.1 or np.any(np.abs(damped(arm.J(q), V, 0.001, arm)) > 0.6 * arm.speed):
-        raise Rejected
+        q = q - 0.01 * arm.damped(q, V, 0.01)
+        require(arm.is_inside(q, 0.1))
+    require(arm.lost(q)[1][5] >= 0.1 and np.all(np.abs(arm.damped(q, V, 0.001)) <= 0.6 * arm.speed))
     return q, V, back
-
-
-def damped(J, V, factor, arm):
-    scale = 1 / np.r_[np.full(3, arm.length), np.ones(3)]
-    J, V = J * scale[:, None], V * scale
-    return J.T @ np.linalg.solve(J @ J.T + factor**2 * np.eye(6), V)
-
-
-def regular(arm, rng, floor=0.13):
-    """A posture far from all singular ones."""
-    for _ in range(400):
-        low, high = np.maximum(arm.lower, -2.4), np.minimum(arm.upper, 2.4)
-        q = low + (high - low) * rng.uniform(0.2, 0.8, arm.n)
-        if arm.sigma(q)[1][5] > floor:
-            return q
-    raise Rejected
 
 
 class Law:
     """Controllers of others, from a twist to joint velocities; `felt` is the time at which the singularity first had its way."""
 
-    def __init__(self, name, arm, rng, q, V):
-        self.name, self.arm, self.q, self.felt, self.bad, self.halted = name, arm, q.copy(), None, 0, False
+    def __init__(self, name, arm, rng, q):
+        self.name, self.arm, self.q, self.felt, self.bad = name, arm, q.copy(), None, 0
         self.factor = float(rng.choice([0.02, 0.05, 0.1])) if name == "dls" else 0.0
         self.p, self.R = arm.pose(q)
-        self.hard, self.rest = float(rng.uniform(25, 45)), 0.0
+        self.hard = float(rng.uniform(25, 45))
+
+    def feel(self, t, is_off, seconds):
+        """Whether the hand has been off for so long."""
+        self.bad = self.bad + 1 if is_off else 0
+        if is_off and self.bad * self.arm.dt >= seconds and self.felt is None:
+            self.felt = t
 
     def ask(self, V, drive, t):
-        """Joint positions and velocities to command, a torque where the law gives one."""
+        """Joint positions and velocities to command."""
         arm, J = self.arm, self.arm.J(self.q)
-        scale = 1 / np.r_[np.full(3, arm.length), np.ones(3)]
-        is_off = False
+        qdot = arm.damped(self.q, V, self.factor) if self.name == "dls" else np.linalg.pinv(J) @ V
+        is_fast = bool(np.any(np.abs(qdot) > arm.speed))
+        is_off, most = is_fast, arm.speed
         if self.name == "dls":
-            qdot = damped(J, V, self.factor, arm)
-            is_off = np.linalg.norm((J @ qdot - V) * scale) > 0.4 * np.linalg.norm(V * scale) or np.any(np.abs(qdot) > arm.speed)
-            qdot = np.clip(qdot, -arm.speed, arm.speed)
+            is_off |= np.linalg.norm((J @ qdot - V) / arm.scale) > 0.4 * np.linalg.norm(V / arm.scale)
         elif self.name == "servo halt":
             # As MoveIt Servo: by the condition number, where the motion leads towards the singularity.
-            condition = np.linalg.cond(J)
-            qdot = np.linalg.pinv(J) @ V
+            condition, lower = np.linalg.cond(J), 0.6 * self.hard
             ahead = np.linalg.cond(arm.J(self.q + 0.005 * qdot / max(np.linalg.norm(qdot), 1e-9)))
-            lower = 0.6 * self.hard
             factor = 1.0 if ahead <= condition or condition < lower else max(0.0, 1 - (condition - lower) / (self.hard - lower))
-            qdot, is_off = factor * qdot, factor < 0.02
-            if np.any(np.abs(qdot) > arm.speed) and factor == 1.0:
-                raise Rejected
-        else:
-            qdot = np.linalg.pinv(J) @ V
-            is_off = np.any(np.abs(qdot) > arm.speed)
-            if self.name == "pinv fault" and is_off:
-                drive.braking = True
-            if self.name in ("pinv clamped", "inverse kinematics"):
-                qdot = np.clip(qdot, -(3 if "inv" == self.name[:3] else 1) * arm.speed, (3 if "inv" == self.name[:3] else 1) * arm.speed)
-        self.bad = self.bad + 1 if is_off else 0
-        if self.bad * arm.dt >= (0.0 if self.name == "pinv fault" else 0.06) and is_off and self.felt is None:
-            self.felt = t
+            require(not (is_fast and factor == 1.0))
+            qdot, is_off, most = factor * qdot, factor < 0.02, np.inf
+        elif self.name == "pinv fault":
+            drive.braking |= is_off
+            most = np.inf
+        elif self.name == "inverse kinematics":
+            most = 3 * arm.speed
+        self.feel(t, is_off, 0.0 if self.name == "pinv fault" else 0.06)
+        qdot = np.clip(qdot, -most, most)
         self.q = self.q + arm.dt * qdot
         return self.q, qdot
 
     def impedance(self, V, drive, t, p, R):
         """Torques of a spring and a damper at the hand."""
-        arm, q = self.arm, drive.q
-        J = arm.J(q)
-        here, turn = arm.asked.xpos[arm.body], arm.asked.xmat[arm.body].reshape(3, 3)
-        dR = R @ turn.T
-        error = np.r_[p - here, 0.5 * np.array([dR[2, 1] - dR[1, 2], dR[0, 2] - dR[2, 0], dR[1, 0] - dR[0, 1]])]
-        M = drive.M()
-        inner = np.linalg.inv(J @ np.linalg.solve(M, J.T) + 1e-3 * np.diag(np.r_[np.ones(3), np.ones(3)]))
-        F = inner @ (100 * error + 20 * (V - J @ drive.data.qvel))
-        u, S, _ = arm.sigma(q)
-        scale = 1 / np.r_[np.full(3, arm.length), np.ones(3)]
-        is_off = S[5] < 0.06 and np.linalg.norm(error * scale) > 0.15 and abs(u @ (error * scale)) > 0.8 * np.linalg.norm(error * scale)
-        self.bad = self.bad + 1 if is_off else 0
-        if self.bad * arm.dt > 0.1 and self.felt is None:
-            self.felt = t
+        arm, q, M = self.arm, drive.q, drive.M()
+        here, turn = arm.pose(q)
+        J, D = arm.J(q), R @ turn.T
+        error = np.r_[p - here, 0.5 * np.array([D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1]])]
+        F = np.linalg.inv(J @ np.linalg.solve(M, J.T) + 1e-3 * np.eye(6)) @ (100 * error + 20 * (V - J @ drive.data.qvel))
+        (u, S), off = arm.lost(q), error / arm.scale
+        self.feel(t, S[5] < 0.06 and np.linalg.norm(off) > max(0.15, 0) and abs(u @ off) > 0.8 * np.linalg.norm(off), 0.1 + 1e-9)
         return drive.data.qfrc_bias + J.T @ F - M @ (0.5 * drive.data.qvel)
-
-
-def rotate(R, w):
-    angle = np.linalg.norm(w)
-    if angle < 1e-12:
-        return R
-    K = np.cross(np.eye(3), w / angle)
-    return (np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K) @ R
-
-
-def row(t, drive, qc, vc, V=None, pose=None):
-    return {"t": t, "q": drive.q, "qdot": drive.data.qvel.copy(), "tau": drive.torque.copy(), "q_cmd": qc, "qdot_cmd": vc, "twist_cmd": V, "pose_cmd": pose}
 
 
 def singular_incident(arm, rng, law):
     """A law of others past a singular posture: rows, and when it was felt."""
     q0, V, back = approach(arm, rng)
-    drive, law = Drive(arm, q0), Law(law, arm, rng, q0, V)
-    if np.any(np.abs(drive.data.qfrc_bias) > 0.6 * arm.effort):
-        raise Rejected
-    rows, p, R = [], law.p.copy(), law.R.copy()
+    law = Law(law, arm, rng, q0)
+    drive, p, R = Drive(arm, q0), law.p.copy(), law.R.copy()
     for k in range(int((back + rng.uniform(1.0, 2.5)) / arm.dt)):
-        t = k * arm.dt
-        asked = V * quintic(t / 0.3)[0]
-        p, R = p + arm.dt * asked[:3], rotate(R, arm.dt * asked[3:])
-        pose = np.r_[p, quaternion(R)]
+        t, asked = k * arm.dt, V * quintic(k * arm.dt / 0.3)[0]
+        p, R = p + arm.dt * asked[:3], Rotation.from_rotvec(arm.dt * asked[3:]).as_matrix() @ R
+        qc = vc = None
         if law.name == "impedance":
             drive.step(None, None, law.impedance(asked, drive, t, p, R))
-            rows.append(row(t, drive, None, None, asked, pose))
         else:
             qc, vc = law.ask(asked, drive, t)
             drive.step(qc, vc)
-            rows.append(row(t, drive, qc.copy(), vc.copy(), asked, pose))
-        if not np.isfinite(drive.q).all() or np.abs(drive.data.qvel).max() > 60:
-            raise Rejected
-        if law.felt is None and (np.any(drive.q < arm.lower + 0.02) or np.any(drive.q > arm.upper - 0.02)):
-            raise Rejected
-    if law.felt is None or law.felt < 0.4:
-        raise Rejected
-    return rows, law.felt
-
-
-def quaternion(R):
-    q = np.zeros(4)
-    mujoco.mju_mat2Quat(q, R.ravel())
-    return np.r_[q[1:], q[0]]
+        drive.log(t, qc, vc, asked, np.r_[p, Rotation.from_matrix(R).as_quat()])
+        require(np.isfinite(drive.q).all() and np.abs(drive.data.qvel).max() <= 60)
+        require(law.felt is not None or arm.is_inside(drive.q, 0.02))
+    require(law.felt is not None and law.felt >= 0.4)
+    return drive.rows, law.felt
 
 
 class Base:
     """The motion of an arm when something else happens: a joint trajectory, or a twist far from (or beside) a singular posture."""
 
     def __init__(self, arm, rng, mode, decoy, fraction):
-        self.arm, self.mode, self.fraction = arm, mode, fraction
+        self.arm, self.mode, self.fraction, self.time = arm, mode, fraction, 3.0
         if mode == "joints":
-            middle = draw_singular(arm, rng) if decoy else regular(arm, rng)
+            middle = draw_singular(arm, rng) if decoy else draw_regular(arm, rng)
             span = np.minimum(arm.upper, middle + 0.9) - np.maximum(arm.lower, middle - 0.9)
-            ends = [np.clip(middle + rng.uniform(-0.5, 0.5, arm.n) * span, arm.lower + 0.15, arm.upper - 0.15) for _ in range(2)]
+            keep = lambda q: np.clip(q, arm.lower + 0.15, arm.upper - 0.15)
+            self.start, self.end = (keep(middle + rng.uniform(-0.5, 0.5, arm.n) * span) for _ in range(2))
             if decoy:
-                ends[1] = np.clip(2 * middle - ends[0], arm.lower + 0.15, arm.upper - 0.15)
-            self.start, self.end = ends
+                self.end = keep(2 * middle - self.start)
             self.time = max(1.2, (1.875 * np.abs(self.end - self.start) / (fraction * arm.speed)).max())
         else:
-            self.start = regular(arm, rng)
+            self.start = draw_regular(arm, rng)
             if decoy:
                 self.start = draw_singular(arm, rng) + rng.choice([-1, 1], arm.n) * 0.06
-            u, S, _ = arm.sigma(self.start)
-            scale = np.r_[np.full(3, arm.length), np.ones(3)]
-            V = rng.normal(size=6)
-            V = (V - (V @ u) * u) * scale
+            u, V = arm.lost(self.start)[0], rng.normal(size=6)
+            V = (V - (V @ u) * u) * arm.scale
             self.V = V * rng.uniform(0.05, 0.15) / max(np.linalg.norm(V[:3]), 0.3 * np.linalg.norm(V[3:]))
-            self.time = 3.0
             if fraction > 1:
-                needed = np.abs(damped(arm.J(self.start), self.V, 0.005, arm)) / arm.speed
+                needed = np.abs(arm.damped(self.start, self.V, 0.005)) / arm.speed
                 self.V, self.time = self.V * fraction / needed.max(), 1.2
         self.q = self.start.copy()
-        self.low = np.inf
+
+    def to_the_limit(self, rng):
+        """Leads a joint beyond its limit: the drive stops it there."""
+        arm, near = self.arm, np.flatnonzero(self.arm.upper < 50)
+        j = near[rng.integers(len(near))]
+        if self.mode == "joints":
+            self.start[j] = arm.upper[j] - rng.uniform(0.4, 0.8)
+            self.end[j] = arm.upper[j] + rng.uniform(0.15, 0.4)
+        else:
+            self.start[j] = self.q[j] = arm.upper[j] - 0.12
+            self.V = arm.J(self.start) @ (np.eye(arm.n)[j] * 0.15 + rng.normal(0, 0.02, arm.n))
+            require(arm.lost(self.start)[1][5] >= 0.12)
 
     def at(self, t):
         """Commanded positions, velocities and twist."""
@@ -374,101 +357,66 @@ class Base:
             x, rate = quintic(t / self.time)
             return self.start + x * (self.end - self.start), rate / self.time * (self.end - self.start), None
         V = self.V * quintic(t / 0.3)[0] * (1 - quintic((t - self.time + 0.4) / 0.4)[0])
-        qdot = damped(self.arm.J(self.q), V, 0.005, self.arm)
-        if np.any(np.abs(qdot) > 0.9 * self.arm.speed) and self.fraction < 1:
-            raise Rejected
+        qdot = self.arm.damped(self.q, V, 0.005)
+        require(self.fraction >= 1 or np.all(np.abs(qdot) <= 0.9 * self.arm.speed))
         self.q = self.q + self.arm.dt * qdot
         return self.q.copy(), qdot, V
 
 
 def other_incident(arm, rng, cause, mode, decoy):
     """Something that is no singularity, at a time of its own: rows and that time."""
-    dt, n = arm.dt, arm.n
+    dt, n, speed = arm.dt, arm.n, arm.speed
     base = Base(arm, rng, mode, decoy, rng.uniform(1.5, 2.5) if cause == "speed limit" else rng.uniform(0.25, 0.6))
     if cause == "joint limit":
-        _to_the_limit(base, arm, rng)
-    drive, rows = Drive(arm, base.start), []
-    if np.any(np.abs(drive.data.qfrc_bias) > 0.6 * arm.effort):
-        raise Rejected
-    begin = base.time * rng.uniform(0.4, 0.6)
-    felt, offset, held, speed, hang = None, np.zeros(n), None, arm.speed, rng.uniform(0.15, 0.6)
-    kind = rng.integers(2)
-    qc, q_last = base.start.copy(), base.start.copy()
+        base.to_the_limit(rng)
+    drive, begin = Drive(arm, base.start), base.time * rng.uniform(0.4, 0.6)
+    felt, offset, hang, kind, last = None, np.zeros(n), rng.uniform(0.15, 0.6), rng.integers(2), base.start.copy()
     for k in range(int((base.time + rng.uniform(0.3, 0.8)) / dt)):
         t = k * dt
         qc, vc, V = base.at(t)
-        if not np.isfinite(qc).all() or (mode == "twist" and not decoy and cause not in ("joint limit",) and arm.sigma(base.q)[1][5] < 0.09):
-            raise Rejected
+        require(np.isfinite(qc).all() and (mode == "joints" or decoy or cause == "joint limit" or arm.lost(base.q)[1][5] >= 0.09))
         if cause == "gap in the stamps" and begin <= t < begin + hang:
-            drive.step(q_last, np.zeros(n))
+            drive.step(last, np.zeros(n))
             felt = begin
             continue
         if t >= begin:
             if cause == "jump in the command" and felt is None:
                 offset, felt = rng.choice([-1, 1]) * rng.uniform(0.12, 0.4) * np.eye(n)[rng.integers(min(n, 4))], t
-            if cause == "unknown" and felt is None:
-                felt = t
-                drive.braking = kind == 0
-                drive.grip = drive.data.xpos[arm.body].copy() if kind else None
-            if cause == "oscillation":
+            elif cause == "unknown" and felt is None:
+                felt, drive.braking, drive.grip = t, kind == 0, drive.data.xpos[arm.body].copy() if kind else None
+            elif cause == "oscillation":
                 drive.gains, drive.delay = (6000.0, 60.0), round(0.012 / dt)
-            if cause == "torque limit":
+            elif cause == "torque limit":
                 drive.load = np.array([0, 0, -1.0]) * arm.heavy * quintic((t - begin) / 0.6)[0]
-        qc = qc + offset
+        told = qc = qc + offset
+        is_over = False
         if cause == "speed limit":
-            step = np.clip(qc - q_last, -speed * dt, speed * dt)
-            if np.any(np.abs(qc - q_last) > 1.05 * speed * dt):
-                felt = t if felt is None else felt
-            qc, vc = q_last + step, step / dt
-        if cause == "joint limit":
-            kept = np.clip(qc, arm.lower, arm.upper)
-            if np.any(kept != qc):
-                felt = t if felt is None else felt
-            drive_q, vc = kept, np.where(kept == qc, vc, 0)
-        else:
-            drive_q = qc
-        ask = base.at(t)[0] if cause == "speed limit" and mode == "joints" else qc
-        if cause == "NaN" and t >= begin and (kind or t < begin + 0.05):
+            step = np.clip(qc - last, -speed * dt, speed * dt)
+            is_over = np.any(np.abs(qc - last) > 1.05 * speed * dt)
+            qc, vc = last + step, step / dt
+            told = base.at(t)[0] if mode == "joints" else qc
+        elif cause == "joint limit":
+            qc = np.clip(told, arm.lower, arm.upper)
+            is_over, vc = np.any(qc != told), np.where(qc == told, vc, 0)
+        elif cause == "NaN" and t >= begin and (kind or t < begin + 0.05):
             felt, drive.braking = begin, True
-            ask, V = (np.where(np.arange(n) == 1, np.nan, ask), V if V is None else V * np.nan)
-        drive.step(drive_q, vc)
-        q_last = drive_q
-        if cause == "torque limit" and drive.saturated * dt > 0.15 and felt is None:
-            felt = t
-        if cause == "oscillation" and felt is None and t > begin and np.abs(drive.data.qvel - vc).max() > 0.3:
-            felt = t
-        rows.append(row(t, drive, ask, vc, V))
-        if not np.isfinite(drive.q).all() or np.abs(drive.data.qvel).max() > 40:
-            raise Rejected
-        if cause != "joint limit" and (np.any(drive.q < arm.lower + 0.02) or np.any(drive.q > arm.upper - 0.02)):
-            raise Rejected
-        if cause not in ("torque limit", "oscillation") and drive.saturated * dt > 0.02 and (felt is None or cause in ("none", "speed limit")):
-            raise Rejected
-    if cause != "none" and (felt is None or felt > rows[-1]["t"] - 0.25):
-        raise Rejected
-    return rows, felt if felt is not None else 0.0
-
-
-def _to_the_limit(base, arm, rng):
-    """Leads a joint beyond its limit: the drive stops it there."""
-    near = [j for j in range(arm.n) if arm.upper[j] < 50]
-    j = near[rng.integers(len(near))]
-    if base.mode == "joints":
-        base.start[j] = arm.upper[j] - rng.uniform(0.4, 0.8)
-        base.end[j] = arm.upper[j] + rng.uniform(0.15, 0.4)
-    else:
-        base.start[j] = base.q[j] = arm.upper[j] - 0.12
-        J = arm.J(base.start)
-        qdot = np.eye(arm.n)[j] * 0.15 + rng.normal(0, 0.02, arm.n)
-        base.V = J @ qdot
-        if arm.sigma(base.start)[1][5] < 0.12:
-            raise Rejected
+            told, V = np.where(np.arange(n) == 1, np.nan, told), V if V is None else V * np.nan
+        drive.step(qc, vc)
+        last = qc
+        is_over |= cause == "torque limit" and drive.saturated > 0.15
+        is_over |= cause == "oscillation" and t > begin and np.abs(drive.data.qvel - vc).max() > 0.3
+        felt = t if felt is None and is_over else felt
+        drive.log(t, told, vc, V)
+        require(np.isfinite(drive.q).all() and np.abs(drive.data.qvel).max() <= 40)
+        require(cause == "joint limit" or arm.is_inside(drive.q, 0.02 - 1e-12))
+        require(cause in ("torque limit", "oscillation") or drive.saturated <= 0.02 or felt is not None and cause not in ("none", "speed limit"))
+    require(cause == "none" or felt is not None and felt <= drive.rows[-1]["t"] - 0.25)
+    return drive.rows, felt or 0.0
 
 
 def log_rows(arm, rows, rng, rate):
     """The rows that a logger writes of the simulated steps: every so many, rounded by encoders."""
-    every = max(1, round(1 / (rate * arm.dt)))
-    rows = rows[::every]
+    rows = rows[:: max(1, round(1 / (rate * arm.dt)))]
     log = {key: np.array([row[key] for row in rows]) for key in rows[0] if rows[0][key] is not None}
     bits = 2 * np.pi / 2 ** rng.integers(17, 21)
     log["q"] = np.round(log["q"] / bits) * bits
@@ -479,135 +427,105 @@ def log_rows(arm, rows, rng, rate):
 
 # --- files, by the libraries of others ---
 
+TWIST, POSE = "linear.x linear.y linear.z angular.x angular.y angular.z", "position.x position.y position.z orientation.x orientation.y orientation.z orientation.w"
+# Words of a CSV's columns and how a joint's number or name follows, spelled as by four loggers.
+WORDS = {
+    0: ("position velocity effort position_command velocity_command", "{word}.{name}"),
+    1: ("actual_q actual_qd actual_moment target_q target_qd", "{word}_{j}"),
+    2: ("q dq tau_J q_d dq_d", "{word}[{j}]"),
+    3: ("position velocity effort position_command velocity_command", "{name}_{word}"),
+}
+JOINT_KEYS = "q qdot tau q_cmd qdot_cmd".split()
+
 
 def write(log, arm, folder, rng, style):
     """Writes a log in one of six kinds; returns its path."""
     if style in ("csv", "csv degrees"):
         return write_csv(log, arm, folder / "log.csv", rng, style == "csv degrees")
-    if style == "lerobot":
-        return write_lerobot(log, arm, folder / "set")
-    return write_mcap(log, arm, folder / "log.mcap", rng) if style == "mcap" else write_rosbag(log, arm, folder / "bag", rng, style)
+    return write_lerobot(log, arm, folder / "set") if style == "lerobot" else write_messages(log, arm, folder, style)
 
 
 def write_csv(log, arm, path, rng, degrees):
-    import pandas
-
-    unit = np.degrees(1) if degrees else 1.0
-    spelling = rng.integers(4) if not degrees else 1
-    place = lambda key, j: (f"{key}.{arm.joints[j]}", f"{key}_{j}", f"{key}[{j}]", f"{arm.joints[j]}_{key}")[spelling]
-    words = [{"q": "position", "qdot": "velocity", "tau": "effort", "q_cmd": "position_command", "qdot_cmd": "velocity_command"}] * 4
-    words[1] = {"q": "actual_q", "qdot": "actual_qd", "tau": "actual_moment", "q_cmd": "target_q", "qdot_cmd": "target_qd"}
-    words[2] = {"q": "q", "qdot": "dq", "tau": "tau_J", "q_cmd": "q_d", "qdot_cmd": "dq_d"}
-    columns = {}
-    clock = rng.integers(3)
-    columns[("time", "timestamp_ms", "stamp_ns")[clock]] = (log["t"] * (1, 1e3, 1e9)[clock]).astype(float if clock == 0 else float)
-    for key, word in words[spelling].items():
-        if key in log:
-            for j in rng.permutation(arm.n):
-                columns[place(word, j)] = log[key][:, j] * (unit if key != "tau" else 1)
-    for key, ends in (("twist_cmd", ("linear.x", "linear.y", "linear.z", "angular.x", "angular.y", "angular.z")), ("pose_cmd", ("position.x", "position.y", "position.z", "orientation.x", "orientation.y", "orientation.z", "orientation.w"))):  # fmt: skip
-        if key in log:
-            for k, end in enumerate(ends):
-                columns[f"{'twist' if key[0] == 't' else 'target_pose'}_cmd.{end}"] = log[key][:, k]
+    words, form = WORDS[int(rng.integers(4)) if not degrees else 1]
+    clock, columns = rng.integers(3), {}
+    columns[("time", "timestamp_ms", "stamp_ns")[clock]] = log["t"] * (1, 1e3, 1e9)[clock]
+    for key, word in zip(JOINT_KEYS, words.split()):
+        for j in rng.permutation(arm.n) if key in log else ():
+            columns[form.format(word=word, j=j, name=arm.joints[j])] = np.degrees(log[key][:, j]) if degrees and key != "tau" else log[key][:, j]
+    for key, start, ends in (("twist_cmd", "twist_cmd", TWIST), ("pose_cmd", "target_pose_cmd", POSE)):
+        columns |= {f"{start}.{end}": log[key][:, k] for k, end in enumerate(ends.split()) if key in log}
     columns["battery"] = 24 + rng.normal(0, 0.1, len(log["t"]))
     pandas.DataFrame(columns).to_csv(path, index=False, na_rep="nan", sep=rng.choice([",", ";"]))
     return path
 
 
 def write_lerobot(log, arm, folder):
-    import pyarrow
-    from pyarrow import parquet
-
-    data = folder / "data" / "chunk-000"
-    data.mkdir(parents=True)
-    (folder / "meta").mkdir()
-    command = log.get("q_cmd", log["q"])
-    vectors = {"observation.state": log["q"], "action": command}
-    for key in ("qdot", "tau"):
-        if key in log:
-            vectors[f"observation.{'velocity' if key == 'qdot' else 'effort'}"] = log[key]
-    if "twist_cmd" in log:
-        vectors["action.twist"] = log["twist_cmd"]
-    table = {key: pyarrow.array(list(x.astype(np.float32)), pyarrow.list_(pyarrow.float32(), x.shape[1])) for key, x in vectors.items()}
+    for name in ("data/chunk-000", "meta"):
+        (folder / name).mkdir(parents=True)
+    vectors = {"observation.state": log["q"], "action": log.get("q_cmd", log["q"])}
+    vectors |= {name: log[key] for key, name in (("qdot", "observation.velocity"), ("tau", "observation.effort"), ("twist_cmd", "action.twist")) if key in log}
     count = len(log["t"])
+    table = {key: pyarrow.array(list(x.astype(np.float32)), pyarrow.list_(pyarrow.float32(), x.shape[1])) for key, x in vectors.items()}
     table |= {"timestamp": log["t"].astype(np.float32), "frame_index": np.arange(count), "episode_index": np.zeros(count, int)}
-    parquet.write_table(pyarrow.table(table), data / "episode_000000.parquet")
-    ends = ["linear.x", "linear.y", "linear.z", "angular.x", "angular.y", "angular.z"]
-    names = {key: ends if key == "action.twist" else [f"{joint}.pos" if key in ("observation.state", "action") else joint for joint in arm.joints] for key in vectors}
-    features = {key: {"dtype": "float32", "shape": [x.shape[1]], "names": names[key]} for key, x in vectors.items()}
-    fps = int(round(1 / np.median(np.diff(log["t"]))))
-    (folder / "meta" / "info.json").write_text(json.dumps({"codebase_version": "v2.1", "fps": fps, "total_episodes": 1, "features": features}))
+    parquet.write_table(pyarrow.table(table), folder / "data/chunk-000/episode_000000.parquet")
+    positions = [f"{joint}.pos" for joint in arm.joints]
+    names = {"observation.state": positions, "action": positions, "action.twist": TWIST.split()}
+    features = {key: {"dtype": "float32", "shape": [x.shape[1]], "names": names.get(key, arm.joints)} for key, x in vectors.items()}
+    info = {"codebase_version": "v2.1", "fps": round(1 / np.median(np.diff(log["t"]))), "total_episodes": 1, "features": features}
+    (folder / "meta/info.json").write_text(json.dumps(info))
     return folder
 
 
-def messages(log, arm, rng):
-    """ROS 2 messages of a log: (topic, type, t, fields) in order of time."""
-    order = sorted(range(arm.n), key=lambda j: arm.joints[j])
-    nan, t0 = np.full(arm.n, np.nan), 1.7e9
+def messages(log, arm, types):
+    """ROS 2 messages of a log, (topic, t, message) in order of time; `types` are those of rosbags."""
+    order, t0 = sorted(range(arm.n), key=lambda j: arm.joints[j]), 1.7e9
+    message = lambda name, *fields: types[name.replace("/", "/msg/")](*fields)
+    xyz = lambda name, x: message(f"geometry_msgs/{name}", *map(float, x))
     for k, t in enumerate(log["t"]):
-        stamp = {"sec": int(t0 + t), "nanosec": int(round((t % 1) * 1e9)) % 1_000_000_000}
-        header = {"stamp": stamp, "frame_id": ""}
-        pick = lambda key: [float(log[key][k][j]) for j in order] if key in log else []
-        yield "/joint_states", "sensor_msgs/msg/JointState", t0 + t, {"header": header, "name": [arm.joints[j] for j in order], "position": pick("q"), "velocity": pick("qdot"), "effort": pick("tau")}  # fmt: skip
+        header = lambda frame="": message("std_msgs/Header", message("builtin_interfaces/Time", int(t0 + t), round((t % 1) * 1e9) % 1_000_000_000), frame)
+        q, qdot, tau = (log[key][k][order].astype(float) if key in log else np.zeros(0) for key in ("q", "qdot", "tau"))
+        yield "/joint_states", t0 + t, message("sensor_msgs/JointState", header(), [arm.joints[j] for j in order], q, qdot, tau)
         if "q_cmd" in log:
-            zero = {"sec": 0, "nanosec": 0}
-            point = {"positions": [float(x) for x in log["q_cmd"][k]], "velocities": [float(x) for x in log.get("qdot_cmd", [nan])[k if "qdot_cmd" in log else 0]], "accelerations": [], "effort": [], "time_from_start": zero}  # fmt: skip
-            yield "/arm_controller/joint_trajectory", "trajectory_msgs/msg/JointTrajectory", t0 + t, {"header": header, "joint_names": arm.joints, "points": [point]}
+            speeds = log["qdot_cmd"][k] if "qdot_cmd" in log else np.full(arm.n, np.nan)
+            zero = message("builtin_interfaces/Duration", 0, 0)
+            point = message("trajectory_msgs/JointTrajectoryPoint", log["q_cmd"][k].astype(float), speeds.astype(float), np.zeros(0), np.zeros(0), zero)
+            yield "/arm_controller/joint_trajectory", t0 + t, message("trajectory_msgs/JointTrajectory", header(), arm.joints, [point])
         if "twist_cmd" in log:
-            v = [float(x) for x in log["twist_cmd"][k]]
-            twist = {"linear": dict(zip("xyz", v[:3])), "angular": dict(zip("xyz", v[3:]))}
-            yield "/servo_node/delta_twist_cmds", "geometry_msgs/msg/TwistStamped", t0 + t, {"header": {**header, "frame_id": "base"}, "twist": twist}
+            v = log["twist_cmd"][k]
+            twist = message("geometry_msgs/Twist", xyz("Vector3", v[:3]), xyz("Vector3", v[3:]))
+            yield "/servo_node/delta_twist_cmds", t0 + t, message("geometry_msgs/TwistStamped", header("base"), twist)
         if "pose_cmd" in log:
-            x = [float(x) for x in log["pose_cmd"][k]]
-            pose = {"position": dict(zip("xyz", x[:3])), "orientation": dict(zip("xyzw", x[3:]))}
-            yield "/target_pose", "geometry_msgs/msg/PoseStamped", t0 + t, {"header": {**header, "frame_id": "base"}, "pose": pose}
+            x = log["pose_cmd"][k]
+            pose = message("geometry_msgs/Pose", xyz("Point", x[:3]), xyz("Quaternion", x[3:]))
+            yield "/target_pose", t0 + t, message("geometry_msgs/PoseStamped", header("base"), pose)
 
 
-def write_mcap(log, arm, path, rng):
-    from mcap_ros2.writer import Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    with open(path, "wb") as file:
-        writer, schemas = Writer(file), {}
-        for topic, kind, t, fields in messages(log, arm, rng):
-            if kind not in schemas:
-                schemas[kind] = writer.register_msgdef(kind, store.generate_msgdef(kind, ros_version=2)[0])
-            writer.write_message(topic, schemas[kind], fields, log_time=int(t * 1e9), publish_time=int(t * 1e9))
-        writer.finish()
-    return path
-
-
-def write_rosbag(log, arm, path, rng, style):
+def write_messages(log, arm, folder, style):
+    """By rosbags as a bag of either kind, or by mcap as one file."""
+    from mcap.writer import Writer as McapWriter
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
-    store = get_typestore(Stores.ROS2_HUMBLE)
-
-    def made(kind, fields):
-        values = {}
-        for name, (form, content) in store.fielddefs[kind][1]:
-            value = fields[name]
-            if form == 2:
-                value = made(content, value)
-            elif form == 4 and content[0][0] == 2:
-                value = [made(content[0][1], one) for one in value]
-            elif form == 4 and content[0][1][0] == "float64":
-                value = np.array(value, float)
-            values[name] = value
-        return store.types[kind](**values)
-
-    plugin = StoragePlugin.SQLITE3 if style == "rosbag2" else StoragePlugin.MCAP
-    with Writer(path, version=9, storage_plugin=plugin) as writer:
-        topics = {}
-        for topic, kind, t, fields in messages(log, arm, rng):
-            if topic not in topics:
-                topics[topic] = writer.add_connection(topic, kind, typestore=store)
-            writer.write(topics[topic], int(t * 1e9), store.serialize_cdr(made(kind, fields), kind))
+    store, known = get_typestore(Stores.ROS2_HUMBLE), {}
+    path = folder / ("log.mcap" if style == "mcap" else "bag")
+    found = ((topic, int(t * 1e9), one.__msgtype__, bytes(store.serialize_cdr(one, one.__msgtype__))) for topic, t, one in messages(log, arm, store.types))
+    if style != "mcap":
+        with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3 if style == "rosbag2" else StoragePlugin.MCAP) as bag:
+            for topic, t_ns, kind, data in found:
+                if topic not in known:
+                    known[topic] = bag.add_connection(topic, kind, typestore=store)
+                bag.write(known[topic], t_ns, data)
+        return path
+    with open(path, "wb") as file:
+        writer = McapWriter(file)
+        writer.start("ros2")
+        for topic, t_ns, kind, data in found:
+            if topic not in known:
+                schema = writer.register_schema(kind, "ros2msg", store.generate_msgdef(kind, ros_version=2)[0].encode())
+                known[topic] = writer.register_channel(topic, "cdr", schema)
+            writer.add_message(known[topic], t_ns, data, t_ns)
+        writer.finish()
     return path
-
-
-STYLES = ("csv", "csv degrees", "lerobot", "mcap", "rosbag2", "rosbag2 mcap")
 
 
 def incident(seed, rows, folder):
@@ -615,23 +533,18 @@ def incident(seed, rows, folder):
     rng = np.random.default_rng(seed)
     name, tip, path = rows[seed % len(rows)]
     is_singular = rng.uniform() < 0.42
-    cause = SINGULAR if is_singular else OTHERS[rng.integers(len(OTHERS))]
-    law = LAWS[rng.integers(len(LAWS))]
+    cause, law = SINGULAR if is_singular else OTHERS[rng.integers(len(OTHERS))], LAWS[rng.integers(len(LAWS))]
     mode, decoy = rng.choice(["joints", "twist"]), rng.uniform() < 0.35
     decoy = decoy and not (cause == "speed limit" and mode == "twist")
-    rate = int(rng.choice([50, 100, 125, 250, 500, 1000]))
-    style = STYLES[rng.integers(len(STYLES))]
+    rate, style = int(rng.choice([50, 100, 125, 250, 500, 1000])), STYLES[rng.integers(len(STYLES))]
     arm = Arm(path, tip)
-    arm.dt = arm.model.opt.timestep = 0.001 if rate == 1000 else 0.002
+    arm.dt = arm.model.opt.timestep = 0.001 if rate == 1000 else DT
     arm.gains = [(900.0, 60.0), (400.0, 40.0), (150.0, 24.0)][rng.integers(3)]
     if cause == "torque limit" and not arm.heavy or cause == "joint limit" and not (arm.upper < 50).any():
         cause = "jump in the command"
     for _ in range(400):
         try:
-            if is_singular:
-                steps, felt = singular_incident(arm, rng, law)
-            else:
-                steps, felt = other_incident(arm, rng, cause, mode, decoy)
+            steps, felt = singular_incident(arm, rng, law) if is_singular else other_incident(arm, rng, cause, mode, decoy)
             break
         except (Rejected, np.linalg.LinAlgError):
             continue
@@ -639,30 +552,23 @@ def incident(seed, rows, folder):
         return None
     # A logger that runs before the arm does, at stamps that are not quite even, and a twist in the axes of the hand.
     idle = int(rng.choice([0, 0, rng.uniform(0.3, 1.0)]) / arm.dt)
-    rest = [{**steps[0], "qdot": 0 * steps[0]["qdot"]}] * idle
-    steps = [{**one, "t": k * arm.dt} for k, one in enumerate(rest)] + [{**one, "t": one["t"] + idle * arm.dt} for one in steps]
-    felt += idle * arm.dt
+    steps = [{**steps[0], "qdot": 0 * steps[0]["qdot"], "t": k * arm.dt} for k in range(idle)] + [{**one, "t": one["t"] + idle * arm.dt} for one in steps]
     log = log_rows(arm, steps, rng, rate)
     log["t"] = log["t"] + rng.uniform(-0.1, 0.1, len(log["t"])) / rate
     if "twist_cmd" in log and rng.uniform() < 0.25:
-        log["twist_cmd"] = np.array([np.r_[R.T @ V[:3], R.T @ V[3:]] for V, R in zip(log["twist_cmd"], (arm.pose(q)[1] for q in log["q"]))])
+        turns = (arm.pose(q)[1] for q in log["q"])
+        log["twist_cmd"] = np.array([np.r_[R.T @ V[:3], R.T @ V[3:]] for V, R in zip(log["twist_cmd"], turns)])
     keep = {"qdot": rng.uniform() < 0.7, "tau": cause == "torque limit" or rng.uniform() < 0.6, "qdot_cmd": rng.uniform() < 0.4}
     if "twist_cmd" in log:
-        both = rng.uniform(size=3)
-        keep |= {"twist_cmd": both[0] < 0.75, "q_cmd": both[1] < 0.7, "pose_cmd": both[2] < 0.4}
-        if not is_singular or law == "impedance":
-            keep |= {"twist_cmd": True}
-        if not (keep["twist_cmd"] or keep["q_cmd"] or keep["pose_cmd"]):
-            keep["twist_cmd"] = True
-    if cause in ("NaN", "jump in the command"):
-        keep["q_cmd"] = True
+        keep |= dict(zip(("twist_cmd", "q_cmd", "pose_cmd"), rng.uniform(size=3) < (0.75, 0.7, 0.4)))
+        keep["twist_cmd"] |= not is_singular or law == "impedance" or not (keep["q_cmd"] or keep["pose_cmd"])
+    keep["q_cmd"] = keep.get("q_cmd", True) or cause in ("NaN", "jump in the command")
     log = {key: x for key, x in log.items() if keep.get(key, True)}
-    truth = {"seed": seed, "cause": cause, "t": float(felt), "arm": name, "tip": tip, "rate": rate, "style": style}
-    truth["law"] = law if is_singular else f"{mode}{', beside a singularity' if decoy else ''}"
     folder.mkdir(parents=True, exist_ok=True)
     np.savez(folder / "truth.npz", t=log["t"], q=log["q"])
-    truth["path"] = str(write(log, arm, folder, rng, style))
-    return truth
+    how = law if is_singular else f"{mode}{', beside a singularity' if decoy else ''}"
+    truth = {"seed": seed, "cause": cause, "t": felt + idle * arm.dt, "arm": name, "tip": tip, "rate": rate, "style": style, "law": how}
+    return {**truth, "folder": str(folder), "path": str(write(log, arm, folder, rng, style))}
 
 
 def off_deg(arm, truth, first):
@@ -671,7 +577,7 @@ def off_deg(arm, truth, first):
         q = rows["q"][np.argmin(np.abs(rows["t"] - rows["t"][0] - first["t_nearest"]))]
     zeta, true = np.array(first["zeta"]), arm.zeta(q)
     part, kind = (zeta[:3], "force") if np.linalg.norm(zeta[:3]) > 0.5 else (zeta[3:], "moment")
-    return 90.0 if true[kind] is None else float(np.degrees(np.arccos(min(1.0, abs(part @ np.array(true[kind]))))))
+    return 90.0 if true[kind] is None else float(np.degrees(np.arccos(min(1.0, abs(part @ true[kind])))))
 
 
 def main():
@@ -680,21 +586,23 @@ def main():
     parser = argparse.ArgumentParser(description="Writes incidents of known cause, asks `armplane.autopsy` about each, and counts.")
     parser.add_argument("first", type=int, help="the first seed")
     parser.add_argument("count", type=int)
-    parser.add_argument("--keep", type=pathlib.Path, help="folder for the logs [default: a temporary one]")
+    parser.add_argument("--keep", type=pathlib.Path, help="folder for the logs, which are not written again [default: a temporary one]")
     options = parser.parse_args()
     rows, counts, angles, skipped = arms(), collections.Counter(), [], 0
+    paths = {name: path for name, _, path in rows}
     with tempfile.TemporaryDirectory() as temporary:
         for seed in range(options.first, options.first + options.count):
             folder = (options.keep or pathlib.Path(temporary)) / str(seed)
-            truth = incident(seed, rows, folder)
+            kept = folder / "truth.json"
+            truth = json.loads(kept.read_text()) if kept.is_file() else incident(seed, rows, folder)
             if truth is None:
                 skipped += 1
                 continue
+            kept.write_text(json.dumps(truth))
             answer = autopsy.autopsy(truth["path"], truth["arm"], truth["tip"])
             counts[truth["cause"], answer["cause"]] += 1
             if truth["cause"] == answer["cause"] == SINGULAR:
-                path = next(path for name, _, path in rows if name == truth["arm"])
-                angles.append(off_deg(Arm(path, truth["tip"]), {**truth, "folder": folder}, answer["evidence"][0]))
+                angles.append(off_deg(Arm(paths[truth["arm"]], truth["tip"]), truth, answer["evidence"][0]))
             if truth["cause"] != answer["cause"]:
                 print(json.dumps({**truth, "answer": answer["cause"]}), flush=True)
     total, right = sum(counts.values()), sum(n for (true, said), n in counts.items() if true == said)
