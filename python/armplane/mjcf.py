@@ -14,6 +14,7 @@ from xml.sax.saxutils import quoteattr
 try:
     import numpy as np
 
+    from .limited import Ended, limited
     from .rotation import rotation_exp, rotation_of
 except ImportError as error:
     if __name__ == "__main__":
@@ -25,6 +26,8 @@ _SPHERE, _CAPSULE, _CYLINDER, _BOX, _MESH = 2, 3, 5, 6, 7
 _KINDS = {_FREE: "floating", _BALL: "spherical", _SLIDE: "prismatic", _HINGE: "revolute"}
 # MuJoCo's viewer shows the groups below.
 _SEEN_GROUPS = 3
+# Longest time in which a file is read and compiled, s: one can be endless, or say that a body is there a billion times.
+_LONGEST_S = 60
 
 
 def _numbers(values):
@@ -208,6 +211,8 @@ def read(path):
         import mujoco
     except ImportError as error:
         raise ModuleNotFoundError(f"{path} is MJCF, which MuJoCo reads: pip install mujoco ({error})") from error
+    if os.path.exists(path) and not os.path.isfile(path):
+        raise ValueError(f"{path} is no regular file: give an arm's MJCF file")
     try:
         model = mujoco.MjModel.from_xml_path(os.fspath(path))
     except Exception as error:
@@ -222,7 +227,9 @@ def main():
         sys.exit("usage: python -m armplane.mjcf ARM.xml [OUT.urdf]")
     path = pathlib.Path(arguments[as_json])
     try:
-        urdf, description = read(path)
+        urdf, description = limited(_LONGEST_S, read, path)
+    except Ended as error:
+        sys.exit(f"{path} {error}: give a smaller arm")
     except (ImportError, ValueError) as error:
         sys.exit(str(error))
     if as_json:

@@ -14,6 +14,7 @@ except ImportError as error:
     sys.exit(f"{error}: pip install mujoco, for the Python {sys.executable}")
 
 from .drive import Drive
+from .limited import Ended, limited
 from .noise import Gaussian
 from .process import Plant
 
@@ -21,6 +22,8 @@ from .process import Plant
 _SAME = 1e-5
 # Of the robot's inertia: with less, the law's gains are too high.
 _LIGHT = 0.5
+# Longest time in which a scene is read and compiled, s: one can be endless, or say that a body is there a billion times.
+_LONGEST_S = 60
 _BAD = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 
 
@@ -81,6 +84,8 @@ def _mass_matrix(model, data):
 
 def _spec(arm_text, file):
     """The scene's file; without one the arm's model, which touches nothing."""
+    if file and os.path.exists(file) and not os.path.isfile(file):
+        raise ValueError("it is no regular file")
     if file:
         return mujoco.MjSpec.from_file(file)
     spec = mujoco.MjSpec.from_string(arm_text)
@@ -365,9 +370,11 @@ def main():
     if "ARMPLANE_PROCESS" in os.environ:
         MujocoPlant.run()
         return
-    question = json.load(sys.stdin)
+    question, scene = json.load(sys.stdin), sys.argv[1:2]
     try:
-        World(question, question["arm"], *sys.argv[1:2])
+        limited(_LONGEST_S, lambda: World(question, question["arm"], *scene) and None)
+    except Ended as error:
+        sys.exit(f"{scene[0] if scene else 'the arm'} {error}: give a smaller scene")
     except ValueError as error:
         sys.exit(str(error))
 

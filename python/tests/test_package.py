@@ -1,5 +1,6 @@
 """The package as it is installed: `python/build --test` runs this in an empty virtual environment."""
 
+import os
 import pathlib
 import time
 
@@ -304,7 +305,11 @@ def test_mujoco_is_the_plant_and_gives_the_same_bytes_twice():
     file("light.xml", ARM.replace('armature="0.1"', ""))
     rail = '<joint name="rail" type="slide"/><inertial pos="0 0 0" mass="1" diaginertia="0.1 0.1 0.1"/><body name="upper">'
     file("driven.xml", ARM.replace('<body name="upper">', rail))
-    for scene, words in [("other", "two.*another arm"), ("light", "two has 30%.*armature"), ("driven", "one moves on joint rail"), ("absent", "No such file")]:
+    file("many.xml", ARM + '<replicate count="1000000000" offset="1 0 0"><body><geom size="0.1"/></body></replicate>')
+    os.mkfifo("pipe.xml")
+    wrong = {"other": "two.*another arm", "light": "two has 30%.*armature", "driven": "one moves on joint rail", "absent": "No such file"}
+    # One that never ends, and one that is a billion bodies.
+    for scene, words in {**wrong, "pipe": "no regular file", "many": "takes more than|needs more memory|makes its reader crash|many"}.items():
         with pytest.raises(RuntimeError, match=words):
             armplane.run("line.toml", plant=f"mujoco:{scene}.xml", out="e")
         assert not pathlib.Path("e").exists()

@@ -196,7 +196,7 @@ def oscillation(log, m):
     # Uneven stamps make speeds swing, too.
     jitter = 0.0 if log["qdot"] is not None else float(np.median(np.abs(np.diff(m.t) - m.dt)) / m.dt)
     fast, size = m.v - smooth(m.v, max(3, int(0.16 / m.dt))), np.abs(m.v)
-    power, turns = np.sqrt(smooth(fast**2, width)), np.zeros_like(fast)
+    power, turns = np.sqrt(np.maximum(smooth(fast**2, width), 0)), np.zeros_like(fast)
     for j in range(m.robot.dof):
         # Changes of sign between swings that count, not of noise around rest.
         swings = np.flatnonzero(np.abs(fast[:, j]) > 0.4 * power[:, j])

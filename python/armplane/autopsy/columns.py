@@ -1,5 +1,7 @@
 """Tables to signals: which columns are joint positions, commands, torques, a twist or a pose, by their names or by a map; their units and their order."""
 
+from __future__ import annotations
+
 import fnmatch
 import re
 from dataclasses import dataclass, field

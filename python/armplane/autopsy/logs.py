@@ -1,5 +1,7 @@
 """Files to tables of columns: CSV, Parquet, LeRobot folders, MCAP and rosbag2. Each reader raises `LogError` with one sentence where it cannot read on."""
 
+from __future__ import annotations
+
 import contextlib
 import json
 import pathlib
