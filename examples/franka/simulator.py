@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 ROTOR_INERTIA = [0.195, 0.195, 0.195, 0.195, 0.074, 0.074, 0.074]  # kg m2 at the joint; MuJoCo Menagerie, franka_fr3
 
 
-def arm():
+def arm() -> str:
     """The arm of the wheel's URDF as MJCF: links without shapes, joints with rotor inertia."""
     import franka_sim
     import mujoco
@@ -34,7 +34,7 @@ def arm():
     return spec.to_xml()
 
 
-def main():
+def main() -> None:
     try:
         from franka_sim import run_server
     except ImportError as error:

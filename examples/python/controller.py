@@ -2,13 +2,14 @@
 
 import armplane
 import numpy as np
+from armplane import wire
 from armplane.mujoco import Arm
 
 DAMPING, K_P, K_V = 0.05, 400.0, 40.0
 
 
 class LineController(armplane.Controller):
-    def setup(self):
+    def setup(self) -> None:
         self.arm = Arm(self.mjcf())
         segment = self.job["scenario"]["segment"][0]
         self.duration = segment["duration_s"]
@@ -16,7 +17,9 @@ class LineController(armplane.Controller):
         self.line = np.array(segment["by_m"])
         self.settle = self.duration + self.job["scenario"]["settle_s"]
 
-    def control(self, tick, estimate, singularity, state, torque):
+    def control(
+        self, tick: int, estimate: wire.StateEstimate, singularity: wire.SingularityReport, state: wire.ControlState, torque: wire.TorqueCommand
+    ) -> None:
         arm, n, t = self.arm, self.arm.n, tick * self.dt
         u = min(t / self.duration, 1.0)
         s, rate = u**3 * (10 - 15 * u + 6 * u * u), 30 * u * u * (1 - u) ** 2 / self.duration
@@ -28,7 +31,7 @@ class LineController(armplane.Controller):
         xddot = K_P * error + K_V * (wanted - J @ qdot)
         qddot = J.T @ np.linalg.solve(J @ J.T + DAMPING**2 * np.eye(6), xddot)
         torque.tau[:n] = (arm.mass_matrix() @ qddot + arm.bias()).tolist()
-        torque.phase = armplane.wire.PHASE_RUNNING if t < self.duration else armplane.wire.PHASE_SETTLING if t < self.settle else armplane.wire.PHASE_DONE
+        torque.phase = wire.PHASE_RUNNING if t < self.duration else wire.PHASE_SETTLING if t < self.settle else wire.PHASE_DONE
         state.p_BE_d[:], state.R_BE_d[:] = (self.p_0 + s * self.line).tolist(), self.R_0.T.flatten().tolist()
         state.V_BE_d[:], state.error[:] = wanted.tolist(), error.tolist()
         state.path_time_s, state.time_scale, state.null_scale, state.task_scale = min(t, self.duration), 1.0, 1.0, 1.0

@@ -1,12 +1,15 @@
 """Watches a run: prints, once a second of the arm's time, where the hand is and how much power the drives give."""
 
+from __future__ import annotations
+
 import armplane
+from armplane import wire
 
 
 class Watch(armplane.Observer):
     most = 0.0
 
-    def see(self, tick, plant_state=None, torque=None):
+    def see(self, tick: int, plant_state: wire.PlantState | None = None, torque: wire.TorqueCommand | None = None) -> None:
         if plant_state is None or torque is None:
             return
         power = sum(tau * rate for tau, rate in zip(torque.tau, plant_state.qdot))
