@@ -1,230 +1,92 @@
-"""A participant of ROS 2 that knows nothing of armplane: cyclonedds alone, and messages written down from the definitions of ROS. test_ros2.py starts it.
+"""A participant of ROS 2 that knows nothing of armplane: cyclonedds, and the definitions of ROS that rosbags has. test_ros2.py starts it.
 
 It answers each line of standard input, a Python tuple, with one: `("send", TOPIC, SECONDS, HZ, FIELDS)` with the times of sending, ns on CLOCK_MONOTONIC
 (a stamp of `None` is now; a text is the message in hexadecimal); `("take", TOPIC)` with all that has come there, each with its time of arrival in ns since
 1970 and its bytes in hexadecimal; `("heard", TOPIC)` with the number of listeners; `("lag", TOPIC, SECONDS, HZ)`, see there.
 """
 
+import functools
 import os
+import pathlib
 import sys
 import time
-from dataclasses import dataclass
 
 from cyclonedds._clayer import ddspy_take, ddspy_write
 from cyclonedds.core import InstanceState, Policy, Qos, SampleState, ViewState
 from cyclonedds.domain import Domain, DomainParticipant
-from cyclonedds.idl import IdlStruct
-from cyclonedds.idl.types import byte, float64, int8, int32, sequence, uint32
+from cyclonedds.idl import make_idl_struct, types
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 LOCALHOST = """<CycloneDDS><Domain><General><AllowMulticast>false</AllowMulticast><Interfaces><NetworkInterface name="lo"/></Interfaces></General>
 <Discovery><ParticipantIndex>auto</ParticipantIndex><Peers><Peer address="localhost"/></Peers></Discovery></Domain></CycloneDDS>"""
-
-
-@dataclass
-class Time(IdlStruct, typename="builtin_interfaces::msg::dds_::Time_"):
-    sec: int32
-    nanosec: uint32
-
-
-@dataclass
-class Duration(IdlStruct, typename="builtin_interfaces::msg::dds_::Duration_"):
-    sec: int32
-    nanosec: uint32
-
-
-@dataclass
-class Header(IdlStruct, typename="std_msgs::msg::dds_::Header_"):
-    stamp: Time
-    frame_id: str
-
-
-@dataclass
-class String(IdlStruct, typename="std_msgs::msg::dds_::String_"):
-    data: str
-
-
-@dataclass
-class Vector3(IdlStruct, typename="geometry_msgs::msg::dds_::Vector3_"):
-    x: float64
-    y: float64
-    z: float64
-
-
-@dataclass
-class Point(IdlStruct, typename="geometry_msgs::msg::dds_::Point_"):
-    x: float64
-    y: float64
-    z: float64
-
-
-@dataclass
-class Quaternion(IdlStruct, typename="geometry_msgs::msg::dds_::Quaternion_"):
-    x: float64
-    y: float64
-    z: float64
-    w: float64
-
-
-@dataclass
-class Twist(IdlStruct, typename="geometry_msgs::msg::dds_::Twist_"):
-    linear: Vector3
-    angular: Vector3
-
-
-@dataclass
-class TwistStamped(IdlStruct, typename="geometry_msgs::msg::dds_::TwistStamped_"):
-    header: Header
-    twist: Twist
-
-
-@dataclass
-class Pose(IdlStruct, typename="geometry_msgs::msg::dds_::Pose_"):
-    position: Point
-    orientation: Quaternion
-
-
-@dataclass
-class PoseStamped(IdlStruct, typename="geometry_msgs::msg::dds_::PoseStamped_"):
-    header: Header
-    pose: Pose
-
-
-@dataclass
-class Transform(IdlStruct, typename="geometry_msgs::msg::dds_::Transform_"):
-    translation: Vector3
-    rotation: Quaternion
-
-
-@dataclass
-class TransformStamped(IdlStruct, typename="geometry_msgs::msg::dds_::TransformStamped_"):
-    header: Header
-    child_frame_id: str
-    transform: Transform
-
-
-@dataclass
-class TFMessage(IdlStruct, typename="tf2_msgs::msg::dds_::TFMessage_"):
-    transforms: sequence[TransformStamped]
-
-
-@dataclass
-class JointState(IdlStruct, typename="sensor_msgs::msg::dds_::JointState_"):
-    header: Header
-    name: sequence[str]
-    position: sequence[float64]
-    velocity: sequence[float64]
-    effort: sequence[float64]
-
-
-@dataclass
-class JointJog(IdlStruct, typename="control_msgs::msg::dds_::JointJog_"):
-    header: Header
-    joint_names: sequence[str]
-    displacements: sequence[float64]
-    velocities: sequence[float64]
-    duration: float64
-
-
-@dataclass
-class JointTrajectoryPoint(IdlStruct, typename="trajectory_msgs::msg::dds_::JointTrajectoryPoint_"):
-    positions: sequence[float64]
-    velocities: sequence[float64]
-    accelerations: sequence[float64]
-    effort: sequence[float64]
-    time_from_start: Duration
-
-
-@dataclass
-class JointTrajectory(IdlStruct, typename="trajectory_msgs::msg::dds_::JointTrajectory_"):
-    header: Header
-    joint_names: sequence[str]
-    points: sequence[JointTrajectoryPoint]
-
-
-@dataclass
-class KeyValue(IdlStruct, typename="diagnostic_msgs::msg::dds_::KeyValue_"):
-    key: str
-    value: str
-
-
-@dataclass
-class DiagnosticStatus(IdlStruct, typename="diagnostic_msgs::msg::dds_::DiagnosticStatus_"):
-    level: byte
-    name: str
-    message: str
-    hardware_id: str
-    values: sequence[KeyValue]
-
-
-@dataclass
-class DiagnosticArray(IdlStruct, typename="diagnostic_msgs::msg::dds_::DiagnosticArray_"):
-    header: Header
-    status: sequence[DiagnosticStatus]
-
-
-@dataclass
-class Clock(IdlStruct, typename="rosgraph_msgs::msg::dds_::Clock_"):
-    clock: Time
-
-
-@dataclass
-class ServoStatus(IdlStruct, typename="moveit_msgs::msg::dds_::ServoStatus_"):
-    code: int8
-    message: str
-
-
-@dataclass
-class Singularity(IdlStruct, typename="armplane_msgs::msg::dds_::Singularity_"):
-    name: str
-    type: str
-    inside: bool
-    s: float64
-    s_rate: float64
-    eta_in: float64
-    eta_out: float64
-    linear: Vector3
-    angular: Vector3
-    mode: str
-    beta: float64
-
-
-@dataclass
-class Singularities(IdlStruct, typename="armplane_msgs::msg::dds_::Singularities_"):
-    header: Header
-    reason: str
-    joint: str
-    singularities: sequence[Singularity]
-
-
+# As the repositories of MoveIt and ros2_control have them, a service's behind what rmw_cyclonedds adds; armplane's own are those of the package to copy.
+OTHERS = {
+    "moveit_msgs/msg/ServoStatus": "int8 code\nstring message",
+    "moveit_msgs/msg/ServoCommandType_Request": "uint64 client\nint64 number\nint8 command_type",
+    "moveit_msgs/msg/ServoCommandType_Response": "uint64 client\nint64 number\nbool success",
+    "control_msgs/msg/JointJog": "std_msgs/Header header\nstring[] joint_names\nfloat64[] displacements\nfloat64[] velocities\nfloat64 duration",
+}
 HEARD = {
-    "joint_states": JointState,
-    "tf": TFMessage,
-    "robot_description": String,
-    "diagnostics": DiagnosticArray,
-    "armplane/singularity": Singularities,
-    "servo_node/status": ServoStatus,
-    "clock": Clock,
+    "joint_states": "sensor_msgs/msg/JointState",
+    "tf": "tf2_msgs/msg/TFMessage",
+    "robot_description": "std_msgs/msg/String",
+    "diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+    "armplane/singularity": "armplane_msgs/msg/Singularities",
+    "servo_node/status": "moveit_msgs/msg/ServoStatus",
+    "clock": "rosgraph_msgs/msg/Clock",
+    "servo_node/switch_command_typeReply": "moveit_msgs/msg/ServoCommandType_Response",
 }
 SENT = {
-    "servo_node/delta_twist_cmds": TwistStamped,
-    "servo_node/pose_target_cmds": PoseStamped,
-    "servo_node/delta_joint_cmds": JointJog,
-    "joint_trajectory": JointTrajectory,
+    "servo_node/delta_twist_cmds": "geometry_msgs/msg/TwistStamped",
+    "servo_node/pose_target_cmds": "geometry_msgs/msg/PoseStamped",
+    "servo_node/delta_joint_cmds": "control_msgs/msg/JointJog",
+    "joint_trajectory": "trajectory_msgs/msg/JointTrajectory",
+    "servo_node/switch_command_typeRequest": "moveit_msgs/msg/ServoCommandType_Request",
 }
+_BASE, _MESSAGE, _LIST = 1, 2, 4
 
 
-def made(kind, value):
+@functools.lru_cache(maxsize=None)
+def store():
+    """All definitions, by the parser of rosbags."""
+    found, here = get_typestore(Stores.ROS2_JAZZY), pathlib.Path(__file__).resolve()
+    package = next(path for folder in here.parents if (path := folder / "examples/ros2/armplane_msgs/msg").exists())
+    for name, text in {**OTHERS, **{f"armplane_msgs/msg/{path.stem}": path.read_text() for path in package.glob("*.msg")}}.items():
+        found.register(get_types_from_msg(text, name))
+    return found
+
+
+@functools.lru_cache(maxsize=None)
+def struct(name):
+    """A message as cyclonedds has it."""
+
+    def of(node):
+        form, content = int(node[0]), node[1]
+        if form == _MESSAGE:
+            return struct(content)
+        if form == _LIST:
+            return types.sequence[of(content[0])]
+        return {"string": str, "bool": bool, "octet": types.byte, "byte": types.byte}.get(content[0]) or getattr(types, content[0])
+
+    package, _, short = name.split("/")
+    part = "srv" if "_Re" in short else "msg"
+    return make_idl_struct(f"{short}_", f"{package}::{part}::dds_::{short}_", {field: of(node) for field, node in store().fielddefs[name][1]})
+
+
+def made(name, values):
     """A message from nested tuples in the order of its fields; a stamp of `None` is now."""
-    if kind is Time and value is None:
-        now = time.time_ns()
-        return Time(now // 10**9, now % 10**9)
-    if isinstance(kind, type) and issubclass(kind, IdlStruct):
-        return kind(*(made(field.type, one) for field, one in zip(kind.__dataclass_fields__.values(), value)))
-    element = getattr(kind, "__metadata__", [None])[0]
-    return [made(element.subtype, one) for one in value] if hasattr(element, "subtype") else value
+    if name.endswith("/Time") and values is None:
+        values = divmod(time.time_ns(), 10**9)
+
+    def of(node, value):
+        if int(node[0]) == _LIST:
+            return [of(node[1][0], one) for one in value]
+        return made(node[1], value) if int(node[0]) == _MESSAGE else value
+
+    return struct(name)(**{field: of(node, value) for (field, node), value in zip(store().fielddefs[name][1], values)})
 
 
 def lag(reader, writer, seconds, hz):
@@ -233,8 +95,7 @@ def lag(reader, writer, seconds, hz):
     while time.monotonic() < begin + seconds:
         if time.monotonic() >= begin + len(sent) / hz:
             sent.append(time.monotonic_ns())
-            vector = Vector3(1e-9 * len(sent), 0.0, 0.0)
-            writer.write(TwistStamped(made(Header, (None, "base_link")), Twist(vector, Vector3(0.0, 0.0, 0.0))))
+            writer.write(made(SENT["servo_node/delta_twist_cmds"], ((None, "base_link"), ((1e-9 * len(sent), 0.0, 0.0), (0.0, 0.0, 0.0)))))
         for message in reader.take(100):
             stamp = message.header.stamp
             ages.append(time.time_ns() - stamp.sec * 10**9 - stamp.nanosec)
@@ -247,8 +108,10 @@ def main():
     domain, participant = Domain(number, LOCALHOST), DomainParticipant(number)
     reliable = Policy.Reliability.Reliable(10**8), Policy.History.KeepLast(100_000), Policy.DataRepresentation(use_cdrv0_representation=True)
     durability = lambda topic: Policy.Durability.TransientLocal if topic == "robot_description" else Policy.Durability.Volatile
-    readers = {topic: DataReader(participant, Topic(participant, f"rt/{topic}", kind), Qos(*reliable, durability(topic))) for topic, kind in HEARD.items()}
-    writers = {topic: DataWriter(participant, Topic(participant, f"rt/{topic}", kind), Qos(*reliable)) for topic, kind in SENT.items()}
+    prefix = lambda name: "rq" if name.endswith("_Request") else "rr" if name.endswith("_Response") else "rt"
+    topics = {topic: Topic(participant, f"{prefix(name)}/{topic}", struct(name)) for topic, name in (HEARD | SENT).items()}
+    readers = {topic: DataReader(participant, topics[topic], Qos(*reliable, durability(topic))) for topic in HEARD}
+    writers = {topic: DataWriter(participant, topics[topic], Qos(*reliable)) for topic in SENT}
     every = SampleState.Any | ViewState.Any | InstanceState.Any
     print("ready", flush=True)
     for line in sys.stdin:

@@ -23,37 +23,22 @@ from armplane.rotation import rotation_exp, rotation_log, rotation_of
 HERE = pathlib.Path(__file__).parent
 MISSING = [name for name in ("cyclonedds", "rosbags") if importlib.util.find_spec(name) is None]
 pytestmark = pytest.mark.skipif(bool(MISSING), reason=f"missing in Python: {MISSING}: pip install 'armplane[ros2]' rosbags")
-MESSAGES = next((path for folder in HERE.parents if (path := folder / "examples" / "ros2" / "armplane_msgs" / "msg").exists()), None)
 JOINTS = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"]
 NEAR_LOCK = np.array([0.3, -1.2, 1.4, -0.6, 0.15, 0.2])
 TWIST, POSE, JOG, PATH = "servo_node/delta_twist_cmds", "servo_node/pose_target_cmds", "servo_node/delta_joint_cmds", "joint_trajectory"
-TYPES = {
-    "joint_states": "sensor_msgs/msg/JointState",
-    "tf": "tf2_msgs/msg/TFMessage",
-    "robot_description": "std_msgs/msg/String",
-    "diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
-    "clock": "rosgraph_msgs/msg/Clock",
-    "armplane/singularity": "armplane_msgs/msg/Singularities",
-    "servo_node/status": "moveit_msgs/msg/ServoStatus",
-}
 
 
 @pytest.fixture(scope="session")
 def store():
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+    import ros2_peer
 
-    found = get_typestore(Stores.ROS2_JAZZY)
-    for path in MESSAGES.glob("*.msg"):
-        found.register(get_types_from_msg(path.read_text(), f"armplane_msgs/msg/{path.stem}"))
-    # Of MoveIt, as its repository has it.
-    found.register(get_types_from_msg("int8 code\nstring message", "moveit_msgs/msg/ServoStatus"))
-    return found
+    return ros2_peer.store()
 
 
 def test_our_messages_are_those_of_the_package_to_copy(store):
     for name, fields in DEFINED.items():
         if full := store.fielddefs.get(name.replace("/", "/msg/")):
-            assert [field.split(" ")[1] for field in fields.split(", ")] == [field for field, _ in full[1]], name
+            assert [field for _, field in fields] == [field for field, _ in full[1]], name
 
 
 def test_frames_are_those_of_the_urdf(tmp_path):
@@ -127,7 +112,9 @@ class Face:
 
     def messages(self, topic):
         """All that has come since the last call."""
-        return [self.store.deserialize_cdr(bytes.fromhex(data), TYPES[topic]) for _, data in self.peer.ask("take", topic)]
+        from ros2_peer import HEARD
+
+        return [self.store.deserialize_cdr(bytes.fromhex(data), HEARD[topic]) for _, data in self.peer.ask("take", topic)]
 
     def until(self, topic, wanted=lambda _: True, seconds=20):
         """The first message that is as wanted."""
@@ -280,6 +267,11 @@ def test_only_timely_commands_that_can_be_followed_move_the_arm(store, tmp_path)
             face.peer.send(topic, fields)
             time.sleep(0.1)
             assert re.search(rf"/{topic}: refused: .*{re.escape(why)}", face.said()), (topic, fields, why, face.said()[-600:])
+        # Servo's service: each of its three types is granted, another one is not.
+        for command_type, success in ((1, True), (2, True), (9, False)):
+            face.peer.send("servo_node/switch_command_typeRequest", (7, command_type, command_type))
+            reply = face.until("servo_node/switch_command_typeReply")
+            assert (reply.client, reply.number, reply.success) == (7, command_type, success)
         # Bytes that are no message.
         for garbage in ("0001000001", "00010000" + "ff" * 40, "00010000" + "00" * 8 + "ffffff7f" + "41" * 60, "0007" + "ab" * 90, "0000" * 2000):
             face.peer.send(TWIST, garbage, seconds=0.1)

@@ -7,7 +7,7 @@ import os
 import threading
 from importlib.util import find_spec
 
-# Messages of ROS and MoveIt, and our own (examples/ros2/armplane_msgs), field by field.
+# Messages of ROS and MoveIt, and our own (examples/ros2/armplane_msgs), field by field. Those of a service begin as rmw_cyclonedds has them.
 TYPES = """
 builtin_interfaces/Time: int32 sec, uint32 nanosec
 builtin_interfaces/Duration: int32 sec, uint32 nanosec
@@ -32,10 +32,13 @@ diagnostic_msgs/DiagnosticStatus: byte level, string name, string message, strin
 diagnostic_msgs/DiagnosticArray: std_msgs/Header header, diagnostic_msgs/DiagnosticStatus[] status
 rosgraph_msgs/Clock: builtin_interfaces/Time clock
 moveit_msgs/ServoStatus: int8 code, string message
+moveit_msgs/ServoCommandType_Request: uint64 client, int64 number, int8 command_type
+moveit_msgs/ServoCommandType_Response: uint64 client, int64 number, bool success
 armplane_msgs/Singularity: string name, string type, bool inside, float64 s, float64 s_rate, float64 eta_in, float64 eta_out, geometry_msgs/Vector3 linear, geometry_msgs/Vector3 angular, string mode, float64 beta
 armplane_msgs/Singularities: std_msgs/Header header, string reason, string joint, armplane_msgs/Singularity[] singularities
 """
-DEFINED = dict(line.split(": ") for line in TYPES.strip().splitlines())
+# By message: (kind, name) of each field.
+DEFINED = {name: [tuple(one.split(" ")) for one in fields.split(", ")] for name, fields in (line.split(": ") for line in TYPES.strip().splitlines())}
 # As ROS 2 has it with ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST: without multicast, and here on no other interface.
 LOOPBACK = """<CycloneDDS><Domain>
 <General><Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces><AllowMulticast>false</AllowMulticast></General>
@@ -43,7 +46,26 @@ LOOPBACK = """<CycloneDDS><Domain>
 </Domain></CycloneDDS>"""
 
 
-class Dds:
+class Door:
+    """What both doors have."""
+
+    byte = int
+
+    def make(self, name, *values):
+        """A message with the values of its fields in their order; a message in it is the tuple of its own."""
+
+        def filled(kind, value):
+            if kind.endswith("[]"):
+                return [filled(kind[:-2], one) for one in value]
+            return self.make(kind, *value) if "/" in kind else self.byte(value) if kind == "byte" else value
+
+        return self.type(name)(**{field: filled(kind, value) for (kind, field), value in zip(DEFINED[name], values)})
+
+    def close(self):
+        """Leaves the topics."""
+
+
+class Dds(Door):
     """The topics by cyclonedds."""
 
     def __init__(self, network):
@@ -70,13 +92,14 @@ class Dds:
                 return types.sequence[kind(text[:-2])]
             return self.type(text) if "/" in text else basic.get(text) or getattr(types, text)
 
-        fields = {field: kind(text) for text, field in (one.split(" ") for one in DEFINED[name].split(", "))}
-        return make_idl_struct(f"{short}_", f"{package}::msg::dds_::{short}_", fields)
+        part = "srv" if short.endswith(("_Request", "_Response")) else "msg"
+        return make_idl_struct(f"{short}_", f"{package}::{part}::dds_::{short}_", {field: kind(text) for text, field in DEFINED[name]})
 
     def _topic(self, topic, name):
         from cyclonedds.topic import Topic
 
-        return Topic(self._participant, f"rt{topic}", self.type(name))
+        prefix = {"Request": "rq", "Response": "rr"}.get(name.rpartition("_")[2], "rt")
+        return Topic(self._participant, f"{prefix}{topic}", self.type(name))
 
     def publish(self, topic, name, is_kept=False):
         """A function that sends a message. A kept one comes to those who listen later, too."""
@@ -117,13 +140,18 @@ class Dds:
 
         return take
 
-    byte = int
+    def serve(self, service, name, answer):
+        """A function that answers the newest request of a service, if there is one, by `answer(request)`."""
+        take, send = self.listen(f"{service}Request", f"{name}_Request", False), self.publish(f"{service}Reply", f"{name}_Response")
 
-    def close(self):
-        """Leaves the topics."""
+        def turn():
+            if request := take():
+                send(self.make(f"{name}_Response", request.client, request.number, answer(request)))
+
+        return turn
 
 
-class Rclpy:
+class Rclpy(Door):
     """The topics by rclpy."""
 
     def __init__(self, network):
@@ -166,6 +194,16 @@ class Rclpy:
         # rclpy asks for a signature, and a built-in method has none.
         self._node.create_subscription(self.type(name), topic, lambda message: came.append(message), qos)
         return lambda: came.pop() if came else None
+
+    def serve(self, service, name, answer):
+        package, short = name.split("/")
+
+        def call(request, response):
+            response.success = answer(request)
+            return response
+
+        self._node.create_service(getattr(importlib.import_module(f"{package}.srv"), short), service, call)
+        return lambda: None
 
     def byte(self, value):
         return bytes([value])

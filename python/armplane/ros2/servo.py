@@ -24,12 +24,17 @@ def seconds(time):
     return time.sec + 1e-9 * time.nanosec
 
 
-def numbers(*values):
+def numbers(values):
     """Their array; ValueError where one is not finite."""
-    found = np.array(values, float).reshape(-1)
+    found = np.array(list(values), float)
     if not np.isfinite(found).all():
         raise ValueError("it holds a NaN or an infinity")
     return found
+
+
+def fields(message, names):
+    """The numbers of a message in fields of one letter."""
+    return numbers(getattr(message, name) for name in names)
 
 
 def line(head, valid_s, *values):
@@ -105,9 +110,8 @@ class Commands:
 
     def twist(self, message, now, q):
         """A geometry_msgs/TwistStamped: about the hand, in the axes of its frame."""
-        self.motion, valid_s, twist, name = None, self._valid_s(message, now), message.twist, message.header.frame_id
-        v = self._scaled(numbers(twist.linear.x, twist.linear.y, twist.linear.z), LINEAR)
-        w = self._scaled(numbers(twist.angular.x, twist.angular.y, twist.angular.z), ROTATIONAL)
+        self.motion, valid_s, name = None, self._valid_s(message, now), message.header.frame_id
+        v, w = self._scaled(fields(message.twist.linear, "xyz"), LINEAR), self._scaled(fields(message.twist.angular, "xyz"), ROTATIONAL)
         axes = {self.frames.base: "base", self.frames.tip: "hand", "armplane/singular": "singular"}.get(name.lstrip("/"))
         if axes is None:
             R = self.frames.pose(name, q)[:3, :3]
@@ -116,8 +120,8 @@ class Commands:
 
     def pose(self, message, now, q):
         """A geometry_msgs/PoseStamped: a goal of the hand."""
-        self.motion, valid_s, at, turn = None, self._valid_s(message, now), message.pose.position, message.pose.orientation
-        p, x = numbers(at.x, at.y, at.z), numbers(turn.w, turn.x, turn.y, turn.z)
+        self.motion, valid_s = None, self._valid_s(message, now)
+        p, x = fields(message.pose.position, "xyz"), fields(message.pose.orientation, "wxyz")
         if abs(np.linalg.norm(x) - 1.0) > 1e-3:
             raise ValueError(f"its quaternion has norm {np.linalg.norm(x):.4f}, not 1")
         base = self.frames.pose(message.header.frame_id, q)
@@ -128,7 +132,7 @@ class Commands:
         valid_s, velocity = self._valid_s(message, now), np.zeros(self.arm.dof)
         if len(message.joint_names) != len(message.velocities):
             raise ValueError(f"it has {len(message.joint_names)} joints and {len(message.velocities)} velocities")
-        velocity[self._places(message.joint_names)] = numbers(*message.velocities)
+        velocity[self._places(message.joint_names)] = numbers(message.velocities)
         velocity *= 1.0 if self.has_units else JOINT
         velocity /= max(1.0, np.max(np.abs(velocity) / self.most, initial=0.0))
         before = self.motion if isinstance(self.motion, Jog) else None
@@ -151,15 +155,13 @@ class Commands:
             raise ValueError(f"it has {len(places)} of the arm's {self.arm.dof} joints")
         if any(len(point.positions) != self.arm.dof or len(point.velocities) not in (0, self.arm.dof) for point in message.points):
             raise ValueError(f"each point needs {self.arm.dof} positions, and as many velocities or none")
-        order = np.argsort(places)
-        times = numbers(*(seconds(point.time_from_start) for point in message.points))
-        points = numbers(*(x for point in message.points for x in point.positions)).reshape(len(times), -1)[:, order]
-        speeds = None
-        if all(len(point.velocities) for point in message.points):
-            speeds = numbers(*(x for point in message.points for x in point.velocities)).reshape(points.shape)[:, order]
+        order, has_speeds = np.argsort(places), all(len(point.velocities) for point in message.points)
+        times = numbers(seconds(point.time_from_start) for point in message.points)
+        points = numbers(point.positions for point in message.points)[:, order]
+        speeds = numbers(point.velocities for point in message.points)[:, order] if has_speeds else None
         if times[0] > 0:
             times, points = np.append(0.0, times), np.vstack([q, points])
-            speeds = None if speeds is None else np.vstack([np.zeros_like(q), speeds])
+            speeds = np.vstack([0 * q, speeds]) if has_speeds else None
         begin = seconds(message.header.stamp) or now
         self.motion = Path(self.arm, q, times, points, speeds, begin, self.most)
         if now > begin + self.motion.times[-1]:
@@ -169,11 +171,8 @@ class Commands:
 
     def next(self, now, q):
         """The line of a jog or a path at this moment, `None` if there is none."""
-        if self.motion is None:
-            return None
-        found = self.motion.line(now, q)
-        if found is None:
-            self.motion = None
+        found = self.motion and self.motion.line(now, q)
+        self.motion = self.motion if found else None
         return found
 
 
@@ -204,13 +203,13 @@ class Path:
         if np.abs(points[0] - q).max() > APART:
             raise ValueError(f"it begins {np.abs(points[0] - q).max():.2f} rad from the arm: give its first point time to get there")
         if len(times) == 1:
-            times, points = np.array([0.0, STEP_S]), np.vstack([points, points])
+            times, points, speeds = np.array([0.0, STEP_S]), np.vstack([points, points]), None
         grid = np.linspace(0.0, times[-1], 2 + int(times[-1] / STEP_S))
         k = np.clip(np.searchsorted(times, grid, "right") - 1, 0, len(times) - 2)
         h = (times[k + 1] - times[k])[:, None]
         x, a, way = (grid - times[k])[:, None] / h, points[k], points[k + 1] - points[k]
         # A cubic; a line where the points have no speeds.
-        u, v = (way, way) if speeds is None or len(speeds) < len(times) else (h * speeds[k], h * speeds[k + 1])
+        u, v = (way, way) if speeds is None else (h * speeds[k], h * speeds[k + 1])
         self.q = a + x * (u + x * (3 * way - 2 * u - v + x * (u + v - 2 * way)))
         if ((self.q < arm.lower) | (self.q > arm.upper)).any():
             raise ValueError("it leaves the joint limits")
@@ -223,7 +222,6 @@ class Path:
         # At its end it stays for a second.
         if t > self.times[-1] + 1.0:
             return None
-        i = np.clip(t / self.times[1], 0, len(self.times) - 1.001)
-        k, part = int(i), i - int(i)
-        goal = (1 - part) * self.q[k] + part * self.q[k + 1]
-        return line("posture, joints", TIMEOUT_S, goal + (self.speed[k] / GAIN if 0 <= t < self.times[-1] else 0.0))
+        part, k = np.modf(np.clip(t / self.times[1], 0, len(self.times) - 1.001))
+        goal = (1 - part) * self.q[int(k)] + part * self.q[int(k) + 1]
+        return line("posture, joints", TIMEOUT_S, goal + (self.speed[int(k)] / GAIN if 0 <= t < self.times[-1] else 0.0))
