@@ -7,6 +7,7 @@ Needs `cargo build --release`, what viewer.py names, Pillow (`pip install pillow
 """
 
 import argparse
+import csv
 import io
 import os
 import pathlib
@@ -14,7 +15,7 @@ import subprocess
 import sys
 import tempfile
 
-from PIL import Image
+from PIL import Image, ImageDraw, ImageFont
 
 from viewer import Viewer
 
@@ -48,6 +49,9 @@ EVERY = {
 }
 # The arm, the close-up and the words of the layout for control; size of one on the sheet, and how many are in a row.
 LEFT, CELL, COLUMNS = (0, 28, 676, 690), (452, 442), 5
+
+# Kinds of paths, as `armplane new --path` knows them.
+KINDS = ["line", "circle", "waypoints", "spline", "table"]
 
 # A whole window without its title bar, which names the machine's driver.
 BODY = (0, 28, 1280, 720)
@@ -166,8 +170,37 @@ def report(command, scratch):
     small(shot.read_bytes()).save(DOCS / "report.png", optimize=True)
 
 
+def paths(command, scratch):
+    """The path of each kind that `armplane new` writes: the hand's way, and where it is every 0.1 s; a cross where it begins."""
+    side, edge, scale = 190, 30, 4
+    sheet = Image.new("RGB", (len(KINDS) * side * scale, (side + edge) * scale), "white")
+    draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(15 * scale)
+    for k, kind in enumerate(KINDS):
+        folder = scratch / kind
+        subprocess.run([command, "new", kind, "--path", kind], cwd=scratch, capture_output=True, check=True)
+        armplane(command, ["run", str(scratch / f"{kind}.toml")], folder)
+        subprocess.run([command, "export", str(folder), "--format", "csv", "--out", str(folder)], capture_output=True, check=True)
+        with open(folder / "signals.csv") as file:
+            rows = [[float(row[f"desired.position.{axis}"] or "nan") for axis in "xyz"] for row in csv.DictReader(file)]
+        spans = [max(column) - min(column) for column in zip(*rows)]
+        across, up = sorted(sorted(range(3), key=spans.__getitem__)[1:])
+        middle = [(max(column) + min(column)) / 2 for column in zip(*rows)]
+        zoom = (side - 2 * edge) * scale / max(spans)
+        place = lambda row: ((k + 0.5) * side * scale + zoom * (row[across] - middle[across]), side * scale / 2 - zoom * (row[up] - middle[up]))
+        draw.line([place(row) for row in rows], (90, 120, 180), 3 * scale, joint="curve")
+        dots = [place(row) for row in rows[::100]]
+        for x, y in dots:
+            draw.ellipse([x - 4 * scale, y - 4 * scale, x + 4 * scale, y + 4 * scale], (214, 51, 164))
+        (x, y), arm = dots[0], 9 * scale
+        draw.line([x - arm, y, x + arm, y], (40, 44, 52), 2 * scale)
+        draw.line([x, y - arm, x, y + arm], (40, 44, 52), 2 * scale)
+        draw.text(((k + 0.5) * side * scale, side * scale), kind, (40, 44, 52), font, anchor="mt")
+    small = sheet.resize((sheet.width // scale, sheet.height // scale), Image.Resampling.LANCZOS)
+    small.quantize(64, dither=Image.Dither.NONE).save(DOCS / "paths.png", optimize=True)
+
+
 # Pictures that need no viewer, or several of its frames.
-OTHERS = {"every": every, "light": light, "still": still, "fig3": figure, "report": report}
+OTHERS = {"every": every, "paths": paths, "light": light, "still": still, "fig3": figure, "report": report}
 
 
 def main():
