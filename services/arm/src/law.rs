@@ -150,6 +150,11 @@ impl Row {
         }
     }
 
+    /// Bytes that it takes, with its memory.
+    pub fn bytes(&self) -> usize {
+        size_of::<Self>() + size_of_val(&*self.steps)
+    }
+
     /// The same again.
     pub fn reset(&mut self, task: &Task) {
         self.steps.restore(&task.fresh);

@@ -2,7 +2,7 @@
 
 use arm::{Given, Row, State, Task};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
-use pyo3::exceptions::PyIndexError;
+use pyo3::exceptions::{PyIndexError, PyMemoryError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -93,7 +93,7 @@ impl Law {
     /// One tick of N arms on all cores, each row with its own memory: the torques, shape (N, n), N·m.
     ///
     /// The arguments are those of `step` with a first axis of N rows. N stays the same until `reset`; a row begins with the first call, and again after
-    /// `reset(rows)`.
+    /// `reset(rows)`. Raises MemoryError for more rows than there is memory for.
     #[pyo3(signature = (q, qdot, pose=None, twist=None, tau_disturbance=None))]
     fn step_many<'py>(
         &mut self,
@@ -108,7 +108,15 @@ impl Law {
         let known = Some(many.len()).filter(|rows| *rows > 0);
         let N = numbers("q", q, &[known], &[&[n]])?.shape()[0];
         let given = [Some(q), Some(qdot), pose, twist, tau_disturbance];
-        many.resize_with(N, || Row::new(task));
+        if known.is_none() {
+            let bytes = N.saturating_mul(self.one[0].bytes());
+            // A row that finds no memory ends the program.
+            if Vec::<u8>::new().try_reserve_exact(bytes).is_err() {
+                let text = format!("{N} rows take {:.1} GB", bytes as f64 / 1e9);
+                return Err(PyMemoryError::new_err(text));
+            }
+            many.resize_with(N, || Row::new(task));
+        }
         let done = tick(py, task, many, &[Some(N)], given);
         if done.is_err() && known.is_none() {
             many.clear();

@@ -9,6 +9,9 @@ mod trial;
 use numpy::{PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use rayon::prelude::{IndexedParallelIterator, ParallelIterator, ParallelSliceMut};
+use rayon::{ThreadPool, ThreadPoolBuilder};
+use std::sync::{Arc, Mutex, PoisonError};
 
 #[pymodule]
 mod _armplane {
@@ -77,17 +80,30 @@ fn numbers<'py>(
 
 /// Works on parts of `rows` on all cores; `work` gets the index of a part's first row.
 fn in_parts<T: Send>(rows: &mut [T], work: impl Fn(usize, &mut [T]) + Sync) {
-    /// Below this many rows a thread costs more than it saves.
-    const LEAST: usize = 32;
-    if rows.len() <= LEAST {
+    /// Rows that a thread takes at a time: twice as many are worth a second one.
+    const PART: usize = 16;
+    let parts = || rows.len() / PART;
+    let Some(pool) = (parts() >= 2).then(threads).flatten() else {
         return work(0, rows);
-    }
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let size = rows.len().div_ceil(cores).max(LEAST);
-    let work = &work;
-    std::thread::scope(|scope| {
-        for (i, part) in rows.chunks_mut(size).enumerate() {
-            scope.spawn(move || work(i * size, part));
-        }
+    };
+    pool.install(|| {
+        let parts = rows.par_chunks_mut(PART).enumerate();
+        parts.for_each(|(i, part)| work(i * PART, part));
     });
+}
+
+/// The threads of this process, one for each core, started by the first call; `None` where there are none to be had.
+fn threads() -> Option<Arc<ThreadPool>> {
+    static POOL: Mutex<Option<(u32, Arc<ThreadPool>)>> = Mutex::new(None);
+    let (process, mut pool) = (
+        std::process::id(),
+        POOL.lock().unwrap_or_else(PoisonError::into_inner),
+    );
+    if pool.as_ref().is_none_or(|(of, _)| *of != process) {
+        let made = ThreadPoolBuilder::new().thread_name(|i| format!("armplane-rows-{i}"));
+        let made = made.build().ok().map(|made| (process, Arc::new(made)));
+        // A forked child has none of its parent's threads to end.
+        std::mem::forget(std::mem::replace(&mut *pool, made));
+    }
+    pool.as_ref().map(|(_, pool)| Arc::clone(pool))
 }
