@@ -96,18 +96,20 @@ pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Fai
         }
         return Ok(ExitCode::SUCCESS);
     }
+    // Of an arm's lines each has a row.
+    let laws = &laws[..if args.robot.is_some() { 1 } else { laws.len() }];
     let request = Request {
         scenarios: &args.scenarios,
-        // Of an arm's lines each has a row.
-        laws: if args.robot.is_some() {
-            &laws[..1]
-        } else {
-            &laws
-        },
+        laws,
         out: args.out.as_deref(),
         lines,
         plant: args.plant.as_deref(),
     };
+    show_compared(&request, as_json)
+}
+
+/// Runs what is to be compared, and shows each table as soon as it is there.
+fn show_compared(request: &Request<'_>, as_json: bool) -> Result<ExitCode, Failure> {
     let mut unreached = 0;
     let mut each = |compared: &Compared| {
         unreached += compared.unreached().count() as u64;
@@ -115,7 +117,7 @@ pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Fai
             show(compared);
         }
     };
-    let (whole, folder) = compare::compare(&request, &observe, &mut each)?;
+    let (whole, folder) = compare::compare(request, &observe, &mut each)?;
     if as_json {
         say!("{whole}");
         return Ok(ExitCode::SUCCESS);

@@ -38,9 +38,7 @@ pub(crate) fn without_foreign(text: &str) -> Result<Own, String> {
     within(text.len(), LONGEST, "bytes")?;
     let mut writer = Writer::new(Vec::with_capacity(text.len()));
     let (mut elements, mut depth) = (0, 0_usize);
-    let (mut link, mut incomplete) = (String::new(), BTreeSet::new());
-    // Where the last <inertial> begins, and what it has of mass and inertia.
-    let (mut inertial, mut has) = (0, [false; 2]);
+    let mut inertial = Inertial::default();
     loop {
         let position = reader.buffer_position();
         let no_xml = |error: quick_xml::Error| format!("{error}, near byte {position}");
@@ -59,17 +57,7 @@ pub(crate) fn without_foreign(text: &str) -> Result<Own, String> {
             _ => {}
         }
         if let Event::Start(tag) | Event::Empty(tag) = &event {
-            let given = |name: &str| tag.try_get_attribute(name).ok().flatten();
-            match tag.name().0 {
-                b"link" => {
-                    let name = given("name").map(|name| name.value.into_owned());
-                    link = String::from_utf8_lossy(&name.unwrap_or_default()).into_owned();
-                }
-                b"inertial" => (inertial, has) = (writer.get_ref().len(), [false; 2]),
-                b"mass" => has[0] |= given("value").is_some(),
-                b"inertia" => has[1] |= INERTIA.iter().all(|name| given(name).is_some()),
-                _ => {}
-            }
+            inertial.see(tag, writer.get_ref().len());
         }
         let ends = matches!(&event, Event::End(tag) if tag.name().0 == b"inertial")
             || matches!(&event, Event::Empty(tag) if tag.name().0 == b"inertial");
@@ -86,13 +74,46 @@ pub(crate) fn without_foreign(text: &str) -> Result<Own, String> {
                 .write_event(event)
                 .map_err(|error| error.to_string())?;
         }
-        if ends && has != [true; 2] {
-            writer.get_mut().truncate(inertial);
-            incomplete.insert(link.clone());
+        if ends && inertial.has != [true; 2] {
+            writer.get_mut().truncate(inertial.begins);
+            inertial.incomplete.insert(inertial.link.clone());
         }
     }
     let text = String::from_utf8(writer.into_inner()).map_err(|error| error.to_string())?;
-    Ok(Own { text, incomplete })
+    Ok(Own {
+        text,
+        incomplete: inertial.incomplete,
+    })
+}
+
+/// The last `<inertial>`.
+#[derive(Default)]
+struct Inertial {
+    /// The link around it.
+    link: String,
+    /// Bytes of the text before it.
+    begins: usize,
+    /// Whether it has mass, and inertia.
+    has: [bool; 2],
+    /// The links whose own lacks one of them.
+    incomplete: BTreeSet<String>,
+}
+
+impl Inertial {
+    /// Takes in the next element, which has so many bytes before it.
+    fn see(&mut self, tag: &BytesStart<'_>, before: usize) {
+        let given = |name: &str| tag.try_get_attribute(name).ok().flatten();
+        match tag.name().0 {
+            b"link" => {
+                let name = given("name").map(|name| name.value.into_owned());
+                self.link = String::from_utf8_lossy(&name.unwrap_or_default()).into_owned();
+            }
+            b"inertial" => (self.begins, self.has) = (before, [false; 2]),
+            b"mass" => self.has[0] |= given("value").is_some(),
+            b"inertia" => self.has[1] |= INERTIA.iter().all(|name| given(name).is_some()),
+            _ => {}
+        }
+    }
 }
 
 fn is_foreign(tag: &BytesStart<'_>) -> Result<bool, String> {

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use recorder::{Contents, RecordReader};
 use rustix::io::Errno;
 use shared_types::codes::TARGET_END;
+use shared_types::graph::Graph;
 use shared_types::job::{JOB, Job, RobotText};
 use shared_types::process::{Process, Program};
 use shared_types::scenario::{Layout, Scenario, Servo};
@@ -468,15 +469,8 @@ fn repeated(job: &Job, summary: &Summary) -> Result<Vec<(String, Vec<u8>)>, Fail
         if summary.outcome == INTERRUPTED {
             session.ticks = summary.ticks;
         }
-        // The file takes the place of the program that gave the targets.
-        let operates = |one: &Process| one.writes.iter().any(|topic| topic == Target::TOPIC);
-        if let Some(ours) = built_in.process.iter().find(|one| operates(one)) {
-            let theirs = graph.process.iter_mut().filter(|one| operates(one));
-            theirs.for_each(|one| one.clone_from(ours));
-        }
-        if graph.process.iter().all(|one| one.command.is_empty()) {
-            graph.folder = None;
-        }
+        let operator = built_in.process.iter().find(|one| operates(one));
+        operator.iter().for_each(|ours| operate(&mut graph, ours));
     }
     if graph != built_in {
         GRAPH.clone_into(&mut scenario.graph);
@@ -489,6 +483,19 @@ fn repeated(job: &Job, summary: &Summary) -> Result<Vec<(String, Vec<u8>)>, Fail
     let sealed = seal::line(&text, &files) + &text;
     files.push((SCENARIO.to_owned(), sealed.into_bytes()));
     Ok(files)
+}
+
+fn operates(one: &Process) -> bool {
+    one.writes.iter().any(|topic| topic == Target::TOPIC)
+}
+
+/// Lets our operator, which reads a file, take the place of the program that gave the targets.
+fn operate(graph: &mut Graph, ours: &Process) {
+    let theirs = graph.process.iter_mut().filter(|one| operates(one));
+    theirs.for_each(|one| one.clone_from(ours));
+    if graph.process.iter().all(|one| one.command.is_empty()) {
+        graph.folder = None;
+    }
 }
 
 /// The targets of a steered run as a file: as they were given, or of a run whose targets came while it lasted as they are kept with its messages.

@@ -102,28 +102,17 @@ pub fn run_loaded(
 
 fn run_from(
     request: &Request,
-    mut loaded: Loaded,
+    loaded: Loaded,
     origin: Option<&Origin>,
     begin: Begin<'_>,
     observer: Observer<'_>,
 ) -> Result<Finished, Failure> {
-    if let Some(plant) = &request.plant {
-        robot::put_in(&mut loaded, plant)?;
-    }
-    if let Some(options) = &request.ros2 {
-        ros2::add(&mut loaded, options)?;
-    }
+    let say = |sentence: &str| observer(Progress::Line(&format!("armplane: {sentence}")));
     let Loaded {
         scenario,
         robot,
         graph,
-    } = robot::settle(loaded, request.mode, observer)?;
-    let say = |sentence: &str| observer(Progress::Line(&format!("armplane: {sentence}")));
-    let named = |sentence: String| format!("{}: {sentence}", request.scenario);
-    let warning = chain::try_first_tick(&robot, &scenario);
-    let warning = warning
-        .map_err(|error| Failure::Input(named(error.to_string() + &advice(&robot, &scenario))))?;
-    warning.map(named).iter().for_each(|warning| say(warning));
+    } = settle(request, loaded, &say, observer)?;
     // Before the first file is made; until then a signal ends the program at once.
     let signals = interrupts()?;
     let results = Results::create(request.out.as_deref(), &scenario.name)?;
@@ -165,6 +154,29 @@ fn run_from(
         finish_live,
         observer,
     ))
+}
+
+/// The scenario with the plant and the doors asked for, whose first tick the law has tried.
+fn settle(
+    request: &Request,
+    mut loaded: Loaded,
+    say: &dyn Fn(&str),
+    observer: Observer<'_>,
+) -> Result<Loaded, Failure> {
+    if let Some(plant) = &request.plant {
+        robot::put_in(&mut loaded, plant)?;
+    }
+    if let Some(options) = &request.ros2 {
+        ros2::add(&mut loaded, options)?;
+    }
+    let loaded = robot::settle(loaded, request.mode, observer)?;
+    let (robot, scenario) = (&loaded.robot, &loaded.scenario);
+    let named = |sentence: String| format!("{}: {sentence}", request.scenario);
+    let warning = chain::try_first_tick(robot, scenario);
+    let warning = warning
+        .map_err(|error| Failure::Input(named(error.to_string() + &advice(robot, scenario))))?;
+    warning.map(named).iter().for_each(|warning| say(warning));
+    Ok(loaded)
 }
 
 /// Advice for a scenario that the law refuses, as a clause: a change with which a run on one thread has reached its goal.

@@ -39,39 +39,13 @@ impl Ring {
         &self,
         observer: Observer<'_>,
     ) -> Result<Vec<(Mechanism, Distribution)>, Failure> {
-        let count = self.topics.len();
-        let children = (0..count).map(|index| Child {
-            process: Process {
-                name: peer_name(index),
-                hop: Some(index),
-                reads: vec![self.topics[(index + count - 1) % count].clone()],
-                writes: vec![self.topics[index].clone()],
-                core: self.cores[index],
-                ..Process::default()
-            },
-            ends_run: index == 0,
-            restart: Restart::Never,
-        });
-        let plan = Plan {
-            mode: Mode::Lockstep,
-            rate_hz: 1000,
-            children: children.collect(),
-            messages: Vec::new(),
-            limits: Limits {
-                // None of them has anything to finish.
-                stop: Duration::from_millis(100),
-                ..Limits::of(Mode::Lockstep)
-            },
-            faults: Vec::new(),
-            begin: Begin::default(),
-        };
         // Until everything of the ring is removed.
         let mut signals = session::interrupts()?;
-        let launcher = Launcher::prepare(plan).map_err(Failure::work)?;
+        let launcher = Launcher::prepare(self.plan()).map_err(Failure::work)?;
         let folder = launcher.run_dir().to_owned();
         let task = serde_json::to_vec(self).map_err(Failure::work)?;
         std::fs::write(folder.join(TASK), task)
-            .and_then(|()| transports::create(&folder, count))
+            .and_then(|()| transports::create(&folder, self.topics.len()))
             .map_err(Failure::work)?;
         let mut measured = None;
         let command = |process: &str, run: &Path| {
@@ -94,6 +68,36 @@ impl Ring {
             }
             End::Interrupted { signal } => Err(Failure::Work(format!("stopped by {signal}"))),
             End::Failed(failure) => Err(Failure::work(failure)),
+        }
+    }
+
+    /// Its processes: each reads what the one before it writes.
+    fn plan(&self) -> Plan {
+        let count = self.topics.len();
+        let children = (0..count).map(|index| Child {
+            process: Process {
+                name: peer_name(index),
+                hop: Some(index),
+                reads: vec![self.topics[(index + count - 1) % count].clone()],
+                writes: vec![self.topics[index].clone()],
+                core: self.cores[index],
+                ..Process::default()
+            },
+            ends_run: index == 0,
+            restart: Restart::Never,
+        });
+        Plan {
+            mode: Mode::Lockstep,
+            rate_hz: 1000,
+            children: children.collect(),
+            messages: Vec::new(),
+            limits: Limits {
+                // None of them has anything to finish.
+                stop: Duration::from_millis(100),
+                ..Limits::of(Mode::Lockstep)
+            },
+            faults: Vec::new(),
+            begin: Begin::default(),
         }
     }
 }

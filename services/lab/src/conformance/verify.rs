@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use model::Robot;
 use runtime::random;
 use serde::Serialize;
-use session::table::{count, number, table};
+use session::table::{Fitted, count, number, table};
 use session::{Failure, Observer, Progress, Results, load};
 use shared_types::graph::Graph;
 use shared_types::job::{Job, Mode};
@@ -79,17 +79,16 @@ pub fn verify(request: &Request<'_>, observer: Observer<'_>) -> Result<Verified,
     chain::try_first_tick(robot, scenario)
         .map_err(|error| Failure::Input(format!("{name}: {error}")))?;
     let needs_processes = needs_processes(scenario, graph);
-    if let Some(reason) = needs_processes.filter(|_| request.runs < 2) {
-        return Err(Failure::Input(format!(
-            "{} {reason}, which one thread cannot compute: its runs are compared with each other, so use at least --runs 2",
-            scenario.name
-        )));
-    }
     // Before anything is made: a signal ends it at once.
-    let mut reference = if needs_processes.is_none() {
-        Some(on_one_thread(robot, scenario)?)
-    } else {
-        None
+    let mut reference = match needs_processes {
+        None => Some(on_one_thread(robot, scenario)?),
+        Some(reason) if request.runs < 2 => {
+            return Err(Failure::Input(format!(
+                "{} {reason}, which one thread cannot compute: its runs are compared with each other, so use at least --runs 2",
+                scenario.name
+            )));
+        }
+        Some(_) => None,
     };
     let _signals = session::interrupts()?;
     let folder = Folder::create(request.out)?;
@@ -110,10 +109,8 @@ pub fn verify(request: &Request<'_>, observer: Observer<'_>) -> Result<Verified,
                 Some(_) => record_of(&first.out, first)?,
                 None => record_on_one_thread(folder.path(), &job, robot)?,
             };
-            difference = first_place(&expected, &record_of(&job.out, &job)?)?.map(|place| Place {
-                run: Some(index + 1),
-                ..place
-            });
+            let place = first_place(&expected, &record_of(&job.out, &job)?)?;
+            difference = place.map(|place| place.in_run(index + 1));
         }
         let is_reference = index == 0 && needs_processes.is_some();
         if request.out.is_none() && !is_reference && !differs {
@@ -123,14 +120,13 @@ pub fn verify(request: &Request<'_>, observer: Observer<'_>) -> Result<Verified,
         observer(Progress::Step);
     }
     observer(Progress::End);
-    // There is at least one run.
-    let reference = reference.ok_or_else(|| Failure::work("nothing was run"))?;
-    let is_run = needs_processes.is_some();
-    let mut verified = Verified::of(scenario, is_run, reference, runs, difference);
-    if verified.difference.is_some() {
-        verified.folder = Some(folder.keep());
-    }
-    Ok(verified)
+    let none = || Failure::work("nothing was run");
+    let (is_run, reference) = (needs_processes.is_some(), reference.ok_or_else(none)?);
+    let verified = Verified::of(scenario, is_run, reference, runs, difference);
+    Ok(Verified {
+        folder: verified.difference.is_some().then(|| folder.keep()),
+        ..verified
+    })
 }
 
 impl Verified {
@@ -231,6 +227,35 @@ impl Verified {
             format!("≠ {}", others.join(", "))
         }
     }
+
+    /// The contents of each topic in the reference.
+    fn hashes(&self) -> Fitted {
+        let mut hashes = table(&["topic", "messages", "hash of the contents in the reference"]);
+        for (name, topic) in &self.reference.topics {
+            hashes.add_row([name.into(), number(topic.count), topic.hash.as_str().into()]);
+        }
+        hashes
+    }
+
+    /// The reference and the runs: of many only those that differ.
+    fn rows(&self) -> Fitted {
+        let Self {
+            reference, runs, ..
+        } = self;
+        let mut rows = table(&["run", "condition", "ticks/s", "topics"]);
+        let is_shown = |ran: &Ran| runs.len() <= MOST_ROWS || ran.topics != reference.topics;
+        let shown = (1..).zip(runs).filter(|(_, ran)| is_shown(ran));
+        let named = shown.map(|(number, ran)| (number.to_string(), ran));
+        for (name, ran) in std::iter::once(("reference".to_owned(), reference)).chain(named) {
+            rows.add_row([
+                name.into(),
+                ran.condition.as_str().into(),
+                number(format!("{:.0}", ran.ticks_per_s)),
+                self.others(ran).into(),
+            ]);
+        }
+        rows
+    }
 }
 
 impl fmt::Display for Verified {
@@ -243,31 +268,7 @@ impl fmt::Display for Verified {
             folder,
             ..
         } = self;
-        let mut hashes = table(&["topic", "messages", "hash of the contents in the reference"]);
-        for (name, topic) in &reference.topics {
-            hashes.add_row([name.into(), number(topic.count), topic.hash.as_str().into()]);
-        }
-        let mut rows = table(&["run", "condition", "ticks/s", "topics"]);
-        let is_shown = |ran: &Ran| runs.len() <= MOST_ROWS || ran.topics != reference.topics;
-        let shown = std::iter::once(reference).chain(runs);
-        for (number_of_run, ran) in (0..)
-            .zip(shown)
-            .filter(|(number, ran)| *number == 0 || is_shown(ran))
-        {
-            let speed = number(format!("{:.0}", ran.ticks_per_s));
-            let name = if number_of_run == 0 {
-                "reference".to_owned()
-            } else {
-                number_of_run.to_string()
-            };
-            rows.add_row([
-                name.into(),
-                ran.condition.as_str().into(),
-                speed,
-                self.others(ran).into(),
-            ]);
-        }
-        writeln!(f, "{hashes}\n{rows}")?;
+        writeln!(f, "{}\n{}", self.hashes(), self.rows())?;
         for (number, ran) in (1..)
             .zip(runs)
             .filter(|(_, ran)| ran.topics != reference.topics)

@@ -85,20 +85,18 @@ fn drill_one(
         graph,
     } = load::scenario_in(request.graph, name, request.settings, request.seed)?;
     let span = scenario.planned_ticks();
-    // Where the task is over sooner than an arm can come back, the verdict waits.
-    let settle_s = scenario.settle_s.max(TIME_TO_RECOVER_S);
     let scenario = Scenario {
         fault: Vec::new(),
-        settle_s,
+        // Where the task is over sooner than an arm can come back, the verdict waits.
+        settle_s: scenario.settle_s.max(TIME_TO_RECOVER_S),
         ..scenario
     };
     let results = Results::within(folder, "run")?;
     let out = results.folder.clone();
     let mut job = load::job(&robot, scenario, graph, request.mode, out);
-    request
-        .without
-        .iter()
-        .try_for_each(|without| without.leave_out(&mut job))?;
+    if let Some(without) = request.without {
+        without.leave_out(&mut job)?;
+    }
     let stage = Stage {
         results,
         job,
@@ -118,15 +116,11 @@ fn drill_one(
         length: plans.len() as u64,
         unit: "cells",
     });
-    let base = match request.mode {
-        Mode::Lockstep => Some(baseline(&stage, name)?),
-        Mode::Realtime => None,
-    };
+    let is_lockstep = request.mode == Mode::Lockstep;
+    let base = is_lockstep.then(|| baseline(&stage, name)).transpose()?;
     for plan in plans {
-        let title = |fault: &Fault| format!("{} {}", fault.process, fault.kind);
-        let titles: Vec<String> = plan.iter().map(title).collect();
-        let title = format!("{name}: {}", titles.join(" and "));
-        observer(Progress::Title(&title));
+        let title = plan.iter().map(Fault::to_string).collect::<Vec<_>>();
+        observer(Progress::Title(&format!("{name}: {}", title.join(" and "))));
         cells.push(cell(&stage, &plan, base.as_ref())?);
         observer(Progress::Step);
     }

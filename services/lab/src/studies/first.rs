@@ -76,24 +76,11 @@ fn text(
     shape: Shape,
 ) -> Result<(String, Option<String>), Failure> {
     let quoted = |text: &str| toml::Value::from(text).to_string();
-    // A path in a scenario counts from its folder.
-    let folder = path
-        .parent()
-        .filter(|folder| !folder.as_os_str().is_empty());
-    let whole = |path: &Path| path.canonicalize().ok();
-    let beside = folder.and_then(|folder| {
-        let (file, folder) = (whole(Path::new(robot))?, whole(folder)?);
-        Some(
-            file.strip_prefix(folder)
-                .map_or(file.clone(), Path::to_owned),
-        )
-    });
-    let beside = beside.map_or_else(|| robot.to_owned(), |file| file.display().to_string());
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let file = path.display().to_string();
     let whole = TEMPLATE
         .replace("NAME", &quoted(&stem))
-        .replace("ROBOT", &quoted(&beside))
+        .replace("ROBOT", &quoted(&from_folder_of(path, robot)))
         .replace("FILE", &file)
         .replace("TITLE", shape.title());
     for start in starts(arm) {
@@ -131,6 +118,22 @@ fn text(
         "no such path was found that {} can follow: name a bent posture in its description (docs/reference/arm.md), and try again",
         arm.name
     )))
+}
+
+/// A robot's name, or the path of its file as a scenario at `path` states it: from the scenario's folder.
+fn from_folder_of(path: &Path, robot: &str) -> String {
+    let folder = path
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty());
+    let whole = |path: &Path| path.canonicalize().ok();
+    let beside = folder.and_then(|folder| {
+        let (file, folder) = (whole(Path::new(robot))?, whole(folder)?);
+        Some(
+            file.strip_prefix(folder)
+                .map_or(file.clone(), Path::to_owned),
+        )
+    });
+    beside.map_or_else(|| robot.to_owned(), |file| file.display().to_string())
 }
 
 /// Postures to start in: those that the description names, and one bent and the one in the middle of all ranges.

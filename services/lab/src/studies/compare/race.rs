@@ -97,27 +97,14 @@ pub fn race(
         driven
     });
     let (ours, theirs) = (ours?, theirs?);
-    let mut words = Vec::new();
-    let rival_at = |picture: usize| theirs.get(picture).or(theirs.last()).copied();
-    for (picture, (_, racer)) in ours.iter().enumerate() {
-        // Counters that change with each picture cannot be read.
-        let held = words
-            .last()
-            .filter(|_| picture % COUNTERS_EVERY > 0)
-            .cloned();
-        let rival = rival_at(picture).map_or_else(Racer::default, |(_, racer)| racer);
-        words.push(held.unwrap_or_else(|| counters(names, [racer, &rival])));
-    }
     let rival_drawn = Rival {
         every,
         postures: theirs.iter().map(|(q, _)| *q).collect(),
-        words,
+        words: words(names, [&ours, &theirs]),
     };
     record(&robot, &scenario, &rival_drawn, &results.folder)?;
     observer(Progress::End);
-    let last = |places: &[([f64; MAX_DOF], Racer)]| {
-        places.last().map_or_else(Racer::default, |last| last.1)
-    };
+    let last = |places: &[Picture]| places.last().map_or_else(Racer::default, |last| last.1);
     let race = Race {
         scenario: scenario.name.clone(),
         seed: scenario.seed,
@@ -130,8 +117,27 @@ pub fn race(
     Ok(race)
 }
 
-/// Where a law's joints are at each picture, and how it has done by then; once more at its end.
-fn run(trial: &Trial<'_>, every: u64) -> Result<Vec<([f64; MAX_DOF], Racer)>, Failure> {
+/// Where a law's joints are, and how it has done by then.
+type Picture = ([f64; MAX_DOF], Racer);
+
+/// The counters in each picture: of the law and its rival, which may have ended before.
+fn words(names: [&str; 2], [ours, theirs]: [&[Picture]; 2]) -> Vec<String> {
+    let mut words = Vec::<String>::new();
+    for (picture, (_, racer)) in ours.iter().enumerate() {
+        // Counters that change with each picture cannot be read.
+        let held = words
+            .last()
+            .filter(|_| picture % COUNTERS_EVERY > 0)
+            .cloned();
+        let rival = theirs.get(picture).or(theirs.last());
+        let rival = rival.map_or_else(Racer::default, |(_, racer)| *racer);
+        words.push(held.unwrap_or_else(|| counters(names, [racer, &rival])));
+    }
+    words
+}
+
+/// A law's pictures; once more at its end.
+fn run(trial: &Trial<'_>, every: u64) -> Result<Vec<Picture>, Failure> {
     let (mut places, mut racer, mut q) = (Vec::new(), Racer::default(), [0.0; MAX_DOF]);
     let ended = trial.watch(|tick, error| {
         racer.add(tick, error, trial.robot);
