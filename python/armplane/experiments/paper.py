@@ -5,6 +5,7 @@ import pathlib
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from .. import _armplane
 from ..trials import trace
@@ -49,10 +50,10 @@ class Recorded:
         self.arm = _armplane.Arm.builtin(robot or table.schema.metadata[b"robot"].decode())
         self.q, self.qdot = self.vectors("joint.q"), self.vectors("joint.qdot")
         self.p, self.p_d = self.vectors("hand.position"), self.vectors("desired.position")
-        self.R = rotations(self.vectors("hand.orientation"))
-        turn = np.einsum("tij,tkj->tik", self.R, rotations(self.vectors("desired.orientation")))
+        hand, desired = (Rotation.from_quat(self.vectors(f"{one}.orientation")) for one in ("hand", "desired"))
+        self.R, self.turned = hand.as_matrix(), (hand * hand[0].inv()).as_rotvec()
         self.error_mm = 1e3 * np.linalg.norm(self.p - self.p_d, axis=1)
-        self.error_deg = np.degrees(np.linalg.norm(rotation_logs(turn), axis=1))
+        self.error_deg = np.degrees((hand * desired.inv()).magnitude())
 
     def vectors(self, quantity):
         """Of each tick the elements of a quantity."""
@@ -222,7 +223,7 @@ def wrist_lock(path, run):
     up /= np.linalg.norm(up)
     horizontal = run.outwards(np.cross(up, zeta[0]))
     turned = np.where(run.t <= change, np.degrees(np.arccos(np.clip(zeta @ zeta[0], -1, 1))), np.nan)
-    rotated = np.degrees(rotation_logs(run.R @ run.R[0].T) @ zeta[0])
+    rotated = np.degrees(run.turned @ zeta[0])
     moved = np.degrees(run.q[-1] - run.q[0])
     numbers = {
         "zeta_turned_deg": float(np.nanmax(turned)), "hand_turned_deg": float(rotated[-1] % 360), **{f"q{i}_moved_deg": float(moved[i - 1]) for i in (4, 5, 6)},
@@ -252,18 +253,3 @@ def wrist_lock(path, run):
         curves(errors[1], "orientation error, °", run.t, ("", run.error_deg, RED))
     return numbers
 
-
-def rotations(quaternions):
-    """Rotation matrices of quaternions x y z w, (T, 4)."""
-    x, y, z, w = quaternions.T
-    rows = [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w), 2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)]
-    rows += [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]
-    return np.stack(rows, axis=1).reshape(-1, 3, 3)
-
-
-def rotation_logs(R):
-    """Rotation vectors of matrices, (T, 3), rad."""
-    w = 0.5 * np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1)
-    sin, cos = np.linalg.norm(w, axis=1), 0.5 * (np.trace(R, axis1=1, axis2=2) - 1)
-    angle = np.arctan2(sin, cos)
-    return w * np.where(sin > 1e-12, angle / np.maximum(sin, 1e-12), 1.0)[:, None]
