@@ -18,6 +18,7 @@ import sys
 import tempfile
 import threading
 import time
+from dataclasses import dataclass, field, replace
 from importlib import metadata
 
 import armplane
@@ -31,16 +32,17 @@ STRATEGY = {"armplane": "blended", "sai-handler": "hold-and-blend"}
 # Stanford's SAI publishes these numbers for its singularity handler, which armplane has in its own words; its scenarios have others.
 PUBLISHED = {"sai-handler": {f"control.baseline.hold_and_blend.{key}": value for key, value in (("blend", [0.006, 0.06]), ("hold_k_p", 50), ("hold_k_v", 14), ("push", 0.01), ("push_k_v", 5))}}
 # Trials of a law that is tuned; those of an opponent are in its class.
-TRIALS = {"armplane": [{}, *({"control.k_p": k_v * k_v / 4, "control.k_v": k_v} for k_v in (20, 30, 60, 80))], "damped-least-squares": []}
-TRIALS["damped-least-squares"] = [
-    {"control.baseline.damped_least_squares.largest": largest, "control.baseline.damped_least_squares.onset": onset} for largest in (0.005, 0.02, 0.08) for onset in (0.02, 0.16)
-]
+_LEAST_SQUARES = "control.baseline.damped_least_squares"
+TRIALS = {
+    "armplane": [{}, *({"control.k_p": k_v * k_v / 4, "control.k_v": k_v} for k_v in (20, 30, 60, 80))],
+    "damped-least-squares": [{f"{_LEAST_SQUARES}.largest": largest, f"{_LEAST_SQUARES}.onset": onset} for largest in (0.005, 0.02, 0.08) for onset in (0.02, 0.16)],
+}
 # The end of the name of a law's tuned row.
 TUNED = " tuned"
 OPPONENTS = sorted(path for path in (pathlib.Path(__file__).parent.parent / "opponents").glob("[!_]*.py"))
 PACKAGES = ("daqp", "drake", "jparse-robotics", "mink", "mujoco", "numpy", "pin", "pin-pink", "placo", "robosuite")
 # Longest run of a law on a task, and longest time in which an opponent loads and joins it (--join-limit); s.
-LONGEST = {"run": 1800, "join": 120}
+LONGEST, MOST_TRIALS = {"run": 1800, "join": 120}, 6
 # The graph of a run under an opponent: compilers and large packages are at work before its first answer.
 GRAPH = """extends = "armplane"
 [[process]]
@@ -65,17 +67,21 @@ VARIED = {
 CLOCK = {"key", "median_us", "p99_us", "first_ms", "reason"}
 
 
+@dataclass
 class Entry:
     """A row of the table: a law of armplane with scenario settings, or the file of an opponent with attributes of its class.
 
     `about`: trials for tuning, and whether the class has a clock of its own to switch on.
     """
 
-    def __init__(self, name, argument, own=False, about=None, **settings):
-        self.name, self.argument, self.own, self.about, self.settings = name, argument, own, about or {}, settings
+    name: str
+    argument: str
+    own: bool = False
+    about: dict = field(default_factory=dict)
+    settings: dict = field(default_factory=dict)
 
     def with_settings(self, name, **settings):
-        return Entry(name, self.argument, self.own, self.about, **{**self.settings, **settings})
+        return replace(self, name=name, settings={**self.settings, **settings})
 
     def scenario(self):
         """What its runs override in a task."""
@@ -104,7 +110,7 @@ def entries(names):
         if not file and name not in known:
             if STRATEGY.get(name, name) not in armplane.laws(all=True):
                 refuse(f"there is no law {name}: give NAME=FILE.py for a file of yours, or one of {', '.join([*OWN, *known, *armplane.laws()])}")
-            found.append(Entry(text, STRATEGY.get(name, name), True, **{**PUBLISHED.get(name, {}), **settings}))
+            found.append(Entry(text, STRATEGY.get(name, name), True, settings={**PUBLISHED.get(name, {}), **settings}))
             continue
         file = pathlib.Path(file or known[name]).resolve()
         if not file.is_file():
@@ -113,7 +119,7 @@ def entries(names):
         if reason:
             skipped[text] = reason
         else:
-            found.append(Entry(name + "".join(f":{pair}" for pair in pairs), str(file), about=about, **settings))
+            found.append(Entry(":".join([name, *pairs]), str(file), False, about, settings))
     names = [entry.name for entry in found]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice:
@@ -130,28 +136,18 @@ def _value(text):
 
 def asked_file(file, settings):
     """The reason why an opponent cannot run here (empty if it can), and the facts about its class."""
-    environment = {**os.environ, "ARMPLANE_ARENA": json.dumps(settings)}
     command = [sys.executable, "-m", "armplane.arena.host", str(file)]
-    child = subprocess.Popen(command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)
-    ends = [End(stream) for stream in (child.stdout, child.stderr)]
-    try:
-        child.wait(LONGEST["join"])
-    except subprocess.TimeoutExpired:
+    done = CHILDREN.run(command, {**os.environ, "ARMPLANE_ARENA": json.dumps(settings)}, LONGEST["join"])
+    if done is None:
         return f"it does not load within {LONGEST['join']} s: --join-limit allows more", {}
-    finally:
-        # Whatever it has started.
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(child.pid, signal.SIGKILL)
-        child.wait()
-    out, error = (end.text() for end in ends)
-    if child.returncode:
+    code, out, error = done
+    if code:
         return (error.strip().splitlines() or ["it ended without a word"])[-1], {}
     try:
         about = json.loads(next(line for line in out.splitlines() if line.startswith('{"trials": ')))
     except (StopIteration, ValueError):
         return "it replaces the standard output, from which the arena reads the facts about its class", {}
-    most = 6
-    return (f"its class has {len(about['trials'])} trials: at most {most}" if len(about["trials"]) > most else ""), about
+    return (f"its class has {len(about['trials'])} trials: at most {MOST_TRIALS}" if len(about["trials"]) > MOST_TRIALS else ""), about
 
 
 class End(threading.Thread):
@@ -197,25 +193,34 @@ def tuned(found, table, folder, jobs):
 class Children:
     """The current runs, each in its own session, so that Ctrl-C ends them in order: first the arena, then its runs."""
 
+    # So long an interrupted run may take to end, s.
+    PATIENCE_S = 20
+
     def __init__(self):
         self.lock, self.running, self.stopped = threading.Lock(), set(), False
 
-    def run(self, command, environment):
-        """Exit code, standard output and standard error of a program, or `None` after [`stop`] or a timeout."""
+    def run(self, command, environment, seconds):
+        """Exit code, standard output and standard error of a program, or `None` after [`stop`] or a timeout. Whatever it has started ends with it."""
         with self.lock:
             if self.stopped:
                 return None
-            child = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+            pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+            child = subprocess.Popen(command, env=environment, start_new_session=True, **pipes)
             self.running.add(child)
+        ends, is_late = [End(child.stdout), End(child.stderr)], False
         try:
-            out, error = child.communicate(timeout=LONGEST["run"])
+            child.wait(seconds)
         except subprocess.TimeoutExpired:
+            is_late = True
             child.send_signal(signal.SIGINT)
-            child.communicate()
-            return None
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                child.wait(self.PATIENCE_S)
         finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(child.pid, signal.SIGKILL)
+            child.wait()
             self.running.discard(child)
-        return None if self.stopped else (child.returncode, out, error)
+        return None if is_late or self.stopped else (child.returncode, *(end.text() for end in ends))
 
     def stop(self):
         with self.lock:
@@ -285,7 +290,7 @@ def one_run(entry, scenario, folder, more, record=False):
     """The same numbers from `armplane run` in `folder`/run, which can inject faults and record."""
     law = ["--set", f"control.strategy={entry.argument}"] if entry.own else ["--graph", entry.graph(folder)]
     keep = [] if record else ["--no-record"]
-    done = CHILDREN.run([_program(), "run", str(scenario), *law, *entry.options()[0], *more, *keep, "--out", f"{folder}/run", "--json"], _environment(entry, folder))
+    done = CHILDREN.run([_program(), "run", str(scenario), *law, *entry.options()[0], *more, *keep, "--out", f"{folder}/run", "--json"], _environment(entry, folder), LONGEST["run"])
     file = pathlib.Path(folder) / "run" / "summary.json"
     nothing = _ended(done, (0, 1) if file.is_file() else ())
     if nothing:
@@ -323,13 +328,8 @@ def own_cost(entry, task, folder, more):
 
 def rates():
     """For each arm, the largest torque step per tick that a drive accepts, as a share of that joint's limit."""
-    from armplane import Arm
-
-    def rate(name):
-        arm = Arm.builtin(name)
-        return max(float(rate) / 1000 / float(effort) for rate, effort in zip(arm.torque_rate, arm.effort))
-
-    return {name: rate(name) for name in Arm.names()}
+    share = lambda arm: max(rate / 1000 / effort for rate, effort in zip(arm.torque_rate.tolist(), arm.effort.tolist()))
+    return {name: share(armplane.Arm.builtin(name)) for name in armplane.Arm.names()}
 
 
 def judged(rows):
@@ -372,7 +372,7 @@ def identity():
     here = pathlib.Path(__file__).parent
     from .. import _armplane as module
 
-    files = [pathlib.Path(_program()), pathlib.Path(module.__file__), *(here / name for name in ("arm.py", "host.py", "laws.py")), *(here.parent / name for name in ("mujoco.py", "rotation.py"))]
+    files = [pathlib.Path(_program()), pathlib.Path(module.__file__), *(here / name for name in ("arm.py", "host.py", "laws.py")), *(here.parent / name for name in ("mjcf.py", "mujoco.py", "rotation.py"))]
     return [*(hashlib.sha256(file.read_bytes()).hexdigest() for file in files), versions()]
 
 
@@ -493,22 +493,23 @@ def positive(text):
 
 def arguments():
     parser = argparse.ArgumentParser("armplane arena", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, epilog=tasks.__doc__)
-    parser.add_argument("--law", action="append", metavar="NAME[=FILE.py][:KEY=VALUE]", help="a law of armplane, an opponent, or a file of yours; repeatable [default: all that are installed]")
-    parser.add_argument("--size", choices=tuple(tasks.SIZES), default="short", help="how many tasks [default: short]")
-    parser.add_argument("--robot", action="append", help="only lines of these arms; repeatable")
-    parser.add_argument("--lines", type=positive, default=sys.maxsize, metavar="N", help="at most N lines of each kind an arm")
-    parser.add_argument("--seed", type=int, default=tasks.TEST, help=f"seed of the lines [default: {tasks.TEST}; tune on {tasks.TRAINING}]")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a value of every task: plant.mass_factor=1.1, plant.encoder_noise_counts=2; repeatable")
-    parser.add_argument("--plant", help="mujoco: the same tasks in MuJoCo")
-    parser.add_argument("--out", default="runs/arena", help="folder, which the same command continues [default: runs/arena]")
-    parser.add_argument("--jobs", type=positive, default=os.cpu_count(), help="runs at once [default: a core each]")
-    parser.add_argument("--join-limit", type=positive, default=LONGEST["join"], metavar="SECONDS", help=f"longest time in which an opponent loads and joins a run [default: {LONGEST['join']}]")
-    parser.add_argument("--tracks", action="store_true", help="add the tracks: each opponent's own clock, which slows where a limit demands it, and the paper's tasks without hints")
-    parser.add_argument("--varied", action="store_true", help=f"add payload +-10 %%, encoder noise x 4, and estimates {DELAY} ticks late, on the first lines of each arm")
-    parser.add_argument("--race", metavar="LAW,LAW", help="the two laws of the page's curves [default: armplane and the best of the others]")
-    parser.add_argument("--tune", action="store_true", help="add a row of each law tuned: the best of at most six settings on lines of another seed")
-    parser.add_argument("--again", type=int, default=0, metavar="N", help="then run N tasks of each law a second time, and compare every torque")
-    parser.add_argument("--check", metavar="FILE", help="compute the hash of an arena.parquet, and compare it with the one that it states")
+    add = parser.add_argument
+    add("--law", action="append", metavar="NAME[=FILE.py][:KEY=VALUE]", help="a law of armplane, an opponent, or a file of yours; repeatable [default: all that are installed]")
+    add("--size", choices=tuple(tasks.SIZES), default="short", help="how many tasks [default: short]")
+    add("--robot", action="append", help="only lines of these arms; repeatable")
+    add("--lines", type=positive, default=sys.maxsize, metavar="N", help="at most N lines of each kind an arm")
+    add("--seed", type=int, default=tasks.TEST, help=f"seed of the lines [default: {tasks.TEST}; tune on {tasks.TRAINING}]")
+    add("--set", action="append", default=[], metavar="KEY=VALUE", help="a value of every task: plant.mass_factor=1.1, plant.encoder_noise_counts=2; repeatable")
+    add("--plant", help="mujoco: the same tasks in MuJoCo")
+    add("--out", default="runs/arena", help="folder, which the same command continues [default: runs/arena]")
+    add("--jobs", type=positive, default=os.cpu_count(), help="runs at once [default: a core each]")
+    add("--join-limit", type=positive, default=LONGEST["join"], metavar="SECONDS", help=f"longest time in which an opponent loads and joins a run [default: {LONGEST['join']}]")
+    add("--tracks", action="store_true", help="add the tracks: each opponent's own clock, which slows where a limit demands it, and the paper's tasks without hints")
+    add("--varied", action="store_true", help=f"add payload +-10 %%, encoder noise x 4, and estimates {DELAY} ticks late, on the first lines of each arm")
+    add("--race", metavar="LAW,LAW", help="the two laws of the page's curves [default: armplane and the best of the others]")
+    add("--tune", action="store_true", help="add a row of each law tuned: the best of at most six settings on lines of another seed")
+    add("--again", type=int, default=0, metavar="N", help="then run N tasks of each law a second time, and compare every torque")
+    add("--check", metavar="FILE", help="compute the hash of an arena.parquet, and compare it with the one that it states")
     return parser.parse_args()
 
 
@@ -546,12 +547,10 @@ def races(asked, summary, found, todo, more):
     """Two laws on up to three tasks, tick by tick: a task that only the other does, one that only the first does, one that both do."""
     names = asked.race.split(",") if asked.race else summary.rivals()
     known, places = {entry.name: entry for entry in found}, {task.name: task for task in todo}
-    if len(names) != 2 or not all(name in known for name in names):
-        if asked.race:
-            refuse(f"--race takes two laws of this table: {', '.join(known)}")
-        return []
+    if asked.race and (len(names) != 2 or not {*names} <= {*known}):
+        refuse(f"--race takes two laws of this table: {', '.join(known)}")
     out = []
-    for heading, name in summary.contests(*names):
+    for heading, name in summary.contests(*names) if names else ():
         curves = {}
         for law in names:
             with tempfile.TemporaryDirectory() as folder:

@@ -1,12 +1,13 @@
 """The arm of a run for controllers of others: kinematics, dynamics and limits, and the same arm as URDF, for pinocchio and for MuJoCo."""
 
 import tempfile
-from xml.sax.saxutils import quoteattr
+import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 
 from .. import mujoco as plant
-from ..rotation import rotation_log, rotation_of
+from ..mjcf import texts
+from ..rotation import rotation_log
 
 # A joint without stops: far enough not to be felt, near enough for a QP.
 _FAR = 1e4
@@ -56,28 +57,14 @@ class Arm(plant.Arm):
 
     def urdf(self):
         """The same arm as URDF: names, axes, inertia, limits; joints without stops turn ±1e4 rad; the link `end_effector`. Armature has no place in it."""
-        m, text = self.model, ['<robot name="arm"><link name="base"/>']
-
-        def element(tag, **values):
-            return f"<{tag} {' '.join(f'{name}={quoteattr(_words(value))}' for name, value in values.items())}/>"
-
-        for b in range(1, m.nbody):
-            j, link, R = m.body_jntadr[b], quoteattr(m.body(b).name), rotation_of(m.body_iquat[b])
-            inertia = (R @ np.diag(m.body_inertia[b]) @ R.T)[np.triu_indices(3)]
-            inertia = element("inertia", **dict(zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), inertia)))
-            text.append(f"<link name={link}><inertial>{element('mass', value=m.body_mass[b])}{_origin(m.body_ipos[b], np.eye(3))}{inertia}</inertial></link>")
-            kind = "revolute" if self.turns[j] else "prismatic"
-            lower, upper, velocity, effort = np.clip([self.lower[j], self.upper[j], self.velocity[j], self.effort[j]], -_FAR, _FAR)
-            limit = element("limit", lower=lower, upper=upper, velocity=velocity, effort=effort)
-            place = _origin(m.body_pos[b], rotation_of(m.body_quat[b])) + element("axis", xyz=m.jnt_axis[j]) + limit
-            text.append(f'<joint name={quoteattr(m.joint(j).name)} type="{kind}">{self._parent(m.body_parentid[b])}<child link={link}/>{place}</joint>')
-        place = _origin(m.site_pos[self.frame], rotation_of(m.site_quat[self.frame]))
-        end = f'{self._parent(m.site_bodyid[self.frame])}<child link="end_effector"/>{place}'
-        text.append(f'<link name="end_effector"/><joint name="end_effector_fixed" type="fixed">{end}</joint></robot>')
-        return "".join(text)
-
-    def _parent(self, body):
-        return f"<parent link={quoteattr(self.model.body(body).name if body else 'base')}/>"
+        root, speeds = ElementTree.fromstring(texts(self.model)[0]), dict(zip(self.names, self.velocity))
+        for joint in root.iter("joint"):
+            if (limit := joint.find("limit")) is not None:
+                limit.set("velocity", speeds[joint.get("name")])
+                limit.attrib.update({name: repr(float(np.clip(float(value), -_FAR, _FAR))) for name, value in limit.items()})
+                joint.set("type", joint.get("type").replace("continuous", "revolute"))
+                joint.remove(joint.find("dynamics"))
+        return ElementTree.tostring(root, encoding="unicode")
 
     def urdf_file(self):
         """A file with `urdf()`, which lasts as long as the object returned; its path is `name`."""
@@ -96,16 +83,3 @@ class Arm(plant.Arm):
         model.gravity.linear[:] = self.model.opt.gravity
         return model
 
-
-def _words(values):
-    return " ".join(repr(float(value)) for value in np.atleast_1d(values))
-
-
-def _origin(p, R):
-    """A place in URDF's roll, pitch and yaw."""
-    pitch = np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0]))
-    if np.hypot(R[0, 0], R[1, 0]) > 1e-9:
-        roll, yaw = np.arctan2(R[2, 1], R[2, 2]), np.arctan2(R[1, 0], R[0, 0])
-    else:
-        roll, yaw = np.arctan2(-R[1, 2], R[1, 1]), 0.0
-    return f'<origin xyz="{_words(p)}" rpy="{_words([roll, pitch, yaw])}"/>'

@@ -36,43 +36,51 @@ def _number(value):
     return "–" if value is None else f"{value:.3g}"
 
 
+def _count(rows, so):
+    return sum(bool(so(row)) for row in rows)
+
+
 def _middle(rows, name):
     values = [row[name] for row in rows if row.get(name) is not None and row.get("completed")]
     return statistics.median(values) if values else None
 
 
 def _most(rows, name):
-    values = [row[name] for row in rows if row.get(name) is not None]
-    return max(values) if values else None
+    return max((row[name] for row in rows if row.get(name) is not None), default=None)
 
 
-# Columns compared pair by pair, smaller is better: heading, column.
-PAIRED = (
-    ("error orthogonal to ζ, mm", "orthogonal_max_mm"),
-    ("error orthogonal to ζ, °", "orthogonal_max_deg"),
-    ("error along ζ, mm", "along_max_mm"),
-    ("error along ζ, °", "along_max_deg"),
-    ("torque step, share of the limit", "torque_step_max_ratio"),
-    ("peak joint speed, share of the limit", "speed_max_ratio"),
-    ("peak torque, share of the limit", "torque_max_ratio"),
-    ("time, of the plan", "time_stretch"),
-)
-COLUMNS = (
-    ("S1", lambda rows: _share(rows, lambda row: row.get("s1"))),
-    ("S1, step within the drive's rate", lambda rows: _share(rows, clean)),
-    ("S2", lambda rows: f"{sum(bool(row.get('s2')) for row in rows)}"),
-    ("to the end", lambda rows: f"{sum(bool(row.get('completed')) for row in rows)}"),
-    ("no run", lambda rows: f"{sum(row['outcome'] in NO_RUN for row in rows)}"),
-    ("⊥ ζ median, mm", lambda rows: _number(_middle(rows, "orthogonal_max_mm"))),
-    ("°", lambda rows: _number(_middle(rows, "orthogonal_max_deg"))),
-    ("∥ ζ median, mm", lambda rows: _number(_middle(rows, "along_max_mm"))),
-    ("°", lambda rows: _number(_middle(rows, "along_max_deg"))),
-    ("step median", lambda rows: _number(_middle(rows, "torque_step_max_ratio"))),
-    ("speed, most", lambda rows: _number(_most(rows, "speed_max_ratio"))),
-    ("torque, most", lambda rows: _number(_most(rows, "torque_max_ratio"))),
-    ("time median", lambda rows: _number(_middle(rows, "time_stretch"))),
-    ("µs a tick", lambda rows: _number(_middle(rows, "median_us"))),
-)
+# Columns compared pair by pair, smaller is better: heading and column.
+PAIRED = """
+error orthogonal to ζ, mm: orthogonal_max_mm
+error orthogonal to ζ, °: orthogonal_max_deg
+error along ζ, mm: along_max_mm
+error along ζ, °: along_max_deg
+torque step, share of the limit: torque_step_max_ratio
+peak joint speed, share of the limit: speed_max_ratio
+peak torque, share of the limit: torque_max_ratio
+time, of the plan: time_stretch
+"""
+# Of the table: heading, and the column whose median or largest value it has.
+NUMBERS = """
+⊥ ζ median, mm: orthogonal_max_mm
+°: orthogonal_max_deg
+∥ ζ median, mm: along_max_mm
+°: along_max_deg
+step median: torque_step_max_ratio
+speed, most: speed_max_ratio
+torque, most: torque_max_ratio
+time median: time_stretch
+µs a tick: median_us
+"""
+_pairs = lambda text: [line.split(": ") for line in text.strip().splitlines()]
+HEADINGS = ["law", "S1", "S1, step within the drive's rate", "S2", "to the end", "no run", *(heading for heading, _ in _pairs(NUMBERS))]
+
+
+def _law_row(name, rows):
+    """A law's row under the `HEADINGS`."""
+    counts = [_count(rows, lambda row: row.get("s2")), _count(rows, lambda row: row.get("completed")), _count(rows, lambda row: row["outcome"] in NO_RUN)]
+    numbers = [(_most if heading.endswith("most") else _middle)(rows, column) for heading, column in _pairs(NUMBERS)]
+    return [name, _share(rows, lambda row: row.get("s1")), _share(rows, clean), *map(str, counts), *map(_number, numbers)]
 
 
 def clean(row):
@@ -86,7 +94,7 @@ def on_time(row):
 
 
 def _share(rows, so):
-    hits = sum(bool(so(row)) for row in rows)
+    hits = _count(rows, so)
     low, high = wilson(hits, len(rows))
     return f"{hits} ({100 * low:.0f}–{100 * high:.0f}\u00a0%)"
 
@@ -111,14 +119,12 @@ class Summary:
     def __init__(self, rows, skipped, versions, digest, command=""):
         self.skipped, self.digest, self.command = skipped, digest, command
         self.versions = ", ".join(f"{name} {version}" for name, version in versions.items())
-        self.laws, self.tasks, self.cells, self.others = {}, {}, {}, {}
+        self.others = {}
         for row in rows:
-            if row["condition"] != GIVEN_CLOCK:
-                self.others.setdefault(row["condition"], {}).setdefault(row["law"], []).append(row)
-                continue
-            self.laws.setdefault(row["law"], []).append(row)
-            self.tasks.setdefault(row["task"], row["group"])
-            self.cells[row["law"], row["task"]] = row
+            self.others.setdefault(row["condition"], {}).setdefault(row["law"], []).append(row)
+        self.laws = self.others.pop(GIVEN_CLOCK, {})
+        given = [row for rows in self.laws.values() for row in rows]
+        self.tasks, self.cells = {row["task"]: row["group"] for row in given}, {(row["law"], row["task"]): row for row in given}
 
     def rivals(self):
         """Ours and the best of the others, by S1 with clean torque."""
@@ -127,11 +133,10 @@ class Summary:
 
     def contests(self, first, second):
         """Up to three tasks of two laws, with a heading each: one that only the second does, one that only the first does, one that both do."""
-        out = []
-        for heading, wanted in ((f"only {second} does it", (False, True)), (f"only {first} does it", (True, False)), ("both do it", (True, True))):
-            found = (task for task in self.tasks if (clean(self.cells[first, task]), clean(self.cells[second, task])) == wanted)
-            out += [(heading, task) for task in [next(found, None)] if task]
-        return out
+        headings = {(False, True): f"only {second} does it", (True, False): f"only {first} does it", (True, True): "both do it"}
+        done = {task: (clean(self.cells[first, task]), clean(self.cells[second, task])) for task in self.tasks}
+        found = {both: task for task, both in reversed(done.items())}
+        return [(heading, found[both]) for both, heading in headings.items() if both in found]
 
     def conditions(self):
         """The second table: headings and rows, each cell S1 with clean torque of so many. A track counts all tasks, with the rows that it does not change."""
@@ -139,7 +144,7 @@ class Summary:
         varied = {name: rows for name, rows in self.others.items() if name not in tracks}
         body = []
         for law, base in self.laws.items():
-            of = lambda rows: f"{sum(map(clean, rows))} of {len(rows)}" if rows else "–"
+            of = lambda rows: f"{_count(rows, clean)} of {len(rows)}" if rows else "–"
             line = [law, f"{sum(map(on_time, base))} of {len(base)}"]
             for name, found in tracks.items():
                 changed = {row["task"]: row for row in found.get(law, ())}
@@ -167,7 +172,7 @@ class Summary:
             if times[1] > times[0]:
                 lines.append(f"{name} keeps the given clock in {times[1]} tasks, we in {times[0]} (S1, step within the rate, up to × {ON_TIME})")
             both = [(our, their) for our, their in pairs if our.get("s2") and their.get("s2")]
-            for heading, column in PAIRED:
+            for heading, column in _pairs(PAIRED):
                 if not both:
                     break
                 our, their = (statistics.median(row[column] for row in side) for side in zip(*both))
@@ -178,18 +183,14 @@ class Summary:
     def text(self):
         table = lambda headings, body: ["| " + " | ".join(row) + " |" for row in [headings, ["---"] * len(headings), *body]]
         lines = [f"{len(self.tasks)} tasks, hash {self.digest}; our losses:", *(f"  {line}" for line in self.losses() or ["none"]), ""]
-        lines += table(["law", *(heading for heading, _ in COLUMNS)], [[name, *(of(rows) for _, of in COLUMNS)] for name, rows in self.laws.items()])
+        lines += table(HEADINGS, [_law_row(*law) for law in self.laws.items()])
         lines += ["", "Why not S1 with the step within the rate (runs; one may miss several):", *(f"  {name}: {why(rows)}" for name, rows in self.laws.items())]
         lines += ["", "S1 with the step within the rate, by track and with one thing varied:", *table(*self.conditions())]
         groups = sorted(set(self.tasks.values()))
-        lines += ["", "S1 with the step within the rate, by group:", "| law | " + " | ".join(self._group(group) for group in groups) + " |", "|" + "---|" * (len(groups) + 1)]
-        for name, rows in self.laws.items():
-            counts = (sum(clean(row) for row in rows if row["group"] == group) for group in groups)
-            lines.append(f"| {name} | " + " | ".join(map(str, counts)) + " |")
+        counts = lambda rows: [str(_count(rows, lambda row: clean(row) and row["group"] == group)) for group in groups]
+        headings = ["law", *(f"{group}, {list(self.tasks.values()).count(group)}" for group in groups)]
+        lines += ["", "S1 with the step within the rate, by group:", *table(headings, [[name, *counts(rows)] for name, rows in self.laws.items()])]
         return "\n".join([*lines, *(f"left out: {name}: {reason}" for name, reason in self.skipped.items())])
-
-    def _group(self, group):
-        return f"{group}, {sum(one == group for one in self.tasks.values())}"
 
     def html(self, races=()):
         """One self-contained page. `races`: the input of [`picture.races`]."""
@@ -199,7 +200,7 @@ class Summary:
         map_head = "<tr><th>task" + "".join(f"<th><div>{html.escape(name)}</div>" for name in self.laws)
         map_body = "".join(self._line(task, group) for task, group in sorted(self.tasks.items(), key=lambda one: (one[1], one[0])))
         skipped = listed(f"{name}: {reason}" for name, reason in self.skipped.items()) if self.skipped else "<p>None."
-        main = table(["law", *(heading for heading, _ in COLUMNS)], [[name, *(of(rows) for _, of in COLUMNS)] for name, rows in self.laws.items()])
+        main = table(HEADINGS, [_law_row(*law) for law in self.laws.items()])
         reasons = table(["law", "missed, in so many runs"], [[name, why(rows)] for name, rows in self.laws.items()])
         return (
             f"<!doctype html><meta charset=utf-8><title>armplane arena</title>{_STYLE}<h1>armplane arena</h1><p>{len(self.tasks)} tasks, table {self.digest}, with {html.escape(self.versions)}<p><code>{html.escape(self.command)}</code>"
