@@ -358,6 +358,9 @@ class Base:
             return self.start + x * (self.end - self.start), rate / self.time * (self.end - self.start), None
         V = self.V * quintic(t / 0.3)[0] * (1 - quintic((t - self.time + 0.4) / 0.4)[0])
         qdot = self.arm.damped(self.q, V, 0.005)
+        missing = np.linalg.norm((self.arm.J(self.q) @ qdot - V) / self.arm.scale)
+        # A base that strays from its own twist would be an incident already.
+        require(missing <= 0.1 * np.linalg.norm(V / self.arm.scale) + 1e-6)
         require(self.fraction >= 1 or np.all(np.abs(qdot) <= 0.9 * self.arm.speed))
         self.q = self.q + self.arm.dt * qdot
         return self.q.copy(), qdot, V

@@ -7,6 +7,7 @@ import time
 import armplane
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 WIRE = armplane.wire
 
@@ -31,7 +32,7 @@ def test_a_law_gives_the_bits_of_the_process(name, by, q):
     """Near a singularity, with the inputs of the process `controller` in a steered run with sensor noise: the same torques and β at every tick."""
     arm = armplane.Arm.builtin(name)
     n, p, twist = arm.dof, arm.at(q).pose[:3, 3], [0.08, 0.0, -0.02, 0.0, 0.3, 0.1]
-    quaternion = _quaternion(arm.at(q).pose)
+    quaternion = np.roll(Rotation.from_matrix(arm.at(q).pose[:3, :3]).as_quat(), 1)
     text = lambda *parts: " ".join(repr(float(x)) for part in parts for x in part)
     lines = ["# armplane targets 1, length m"]
     for tick in range(1500):
@@ -58,14 +59,6 @@ def _order(arm, q):
     """Places of the report in the order of their names."""
     names = [one.name for one in arm.singularities(q)]
     return sorted(range(len(names)), key=names.__getitem__)
-
-
-def _quaternion(X):
-    """Of a homogeneous matrix: `w x y z`, the eigenvector of Bar-Itzhack's matrix."""
-    R, trace = X[:3, :3], np.trace(X[:3, :3])
-    v = np.array([[R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]])
-    x, y, z, w = np.linalg.eigh(np.block([[R + R.T - trace * np.eye(3), v.T], [v, trace]]))[1][:, -1]
-    return np.array([w, x, y, z])
 
 
 def test_a_law_follows_a_pose_through_a_wrist_lock():

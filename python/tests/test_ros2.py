@@ -19,6 +19,7 @@ from armplane.results import _program
 from armplane.ros2.door import DEFINED
 from armplane.ros2.servo import Frames, quaternion
 from armplane.rotation import rotation_exp, rotation_log, rotation_of
+from scipy.spatial.transform import RigidTransform, Rotation
 
 HERE = pathlib.Path(__file__).parent
 MISSING = [name for name in ("cyclonedds", "rosbags") if importlib.util.find_spec(name) is None]
@@ -52,8 +53,7 @@ def test_frames_are_those_of_the_urdf(tmp_path):
     job["robot"]["urdf"] = job["robot"]["urdf"].replace("</robot>", more + "</robot>")
     robot = Robot(job)
     frames, q = Frames(robot, job["robot"]["urdf"]), np.array([0.3, -1.2, 1.6, -1.0, 0.9, 0.2])
-    offset = lambda x, y, z, r, p, w: np.block([[rotation_exp(np.array([0, 0, w])) @ rotation_exp(np.array([0, p, 0])) @ rotation_exp(np.array([r, 0, 0])),
-                                                 np.array([[x], [y], [z]])], [np.zeros((1, 3)), np.ones((1, 1))]])
+    offset = lambda x, y, z, *rpy: RigidTransform.from_components([x, y, z], Rotation.from_euler("xyz", rpy)).as_matrix()
     turn = lambda angle: offset(0, 0, 0, 0, 0, angle)
     half = np.pi / 2
     forearm = offset(0, 0, 0.089159, 0, 0, 0) @ turn(q[0]) @ offset(0, 0, 0, half, 0, 0) @ turn(q[1]) @ offset(-0.425, 0, 0, 0, 0, 0) @ turn(q[2])

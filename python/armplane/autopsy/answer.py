@@ -32,8 +32,9 @@ def autopsy(path, robot, tip=None, mapping=None, episode=None, picture=None):
     else:
         robot = robot if isinstance(robot, Robot) else Robot(robot, tip)
         source = read(path, episode, functools.partial(useful, robot=robot, mapping=mapping))
-    log = choose(source, robot, mapping)
-    found = []
+    log, found = choose(source, robot, mapping), []
+    # A long log's columns are in memory once.
+    source.tables.clear()
     for piece in _pieces(log):
         m = motion_of(piece, robot)
         found.append((m, *find(piece, m)))
