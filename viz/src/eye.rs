@@ -101,11 +101,13 @@ impl Room {
         let all: Vec<Vec3> = all.chain(self.all.into_iter().flatten()).collect();
         let [low, high] = span(all.iter().copied()).unwrap_or_default();
         let look_at = (low + high) / 2.0;
-        let heading = hand.with_z(0.0).normalize_or(Vec3::X);
-        let side = Vec3::new(heading.y, -heading.x, 0.0);
+        let mut ways = [hand, Vec3::X, Vec3::Y].into_iter();
+        let heading = ways.find_map(|way| way.reject_from_normalized(facts.up).try_normalize());
+        let heading = heading.unwrap_or(Vec3::X);
+        let side = heading.cross(facts.up);
         let (away, up) = match is_planar {
             true => (Vec3::new(0.0, -0.25, 1.0), Vec3::Y),
-            false => (heading * 0.5 + side + Vec3::Z * 0.3, Vec3::Z),
+            false => (heading * 0.5 + side + facts.up * 0.3, facts.up),
         };
         let away = away.normalize();
         let right = up.cross(away).normalize_or(Vec3::X);

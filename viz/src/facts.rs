@@ -1,5 +1,6 @@
 //! The facts of a run that are known before its first tick.
 
+use glam::Vec3;
 use model::{Joint, JointKind, Model, Robot};
 use nalgebra::{SMatrix, SVector, Vector3};
 use rerun::{ApplicationId, StoreId};
@@ -10,7 +11,7 @@ use shared_types::scenario::{Scenario, Segment};
 use crate::body::Body;
 use crate::manipulability::{at_point, singular_values};
 use crate::meshes::Meshes;
-use crate::pose::{Placement, placement};
+use crate::pose::{Placement, placement, vec3};
 use crate::run::Rival;
 use crate::signals::{ChainHops, Limits, Now, TickRow, chain_hops};
 use crate::sink::RecordError;
@@ -31,6 +32,8 @@ pub(crate) struct Facts<'a> {
     pub(crate) length_m: f64,
     pub(crate) rate_hz: u32,
     pub(crate) floor_m: f32,
+    /// Against gravity, base axes: the base may be mounted in any way.
+    pub(crate) up: Vec3,
     pub(crate) title: &'a str,
     pub(crate) joint_units: String,
     pub(crate) arm: Model<MAX_DOF>,
@@ -74,6 +77,7 @@ impl<'a> Facts<'a> {
             length_m: robot.length_m,
             rate_hz: scenario.rate_hz.max(1),
             floor_m,
+            up: (-vec3(&robot.gravity)).normalize_or(Vec3::Z),
             title,
             joint_units: units.join(" "),
             arm,

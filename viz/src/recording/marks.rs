@@ -97,7 +97,13 @@ impl Recording<'_> {
                 _ => String::new(),
             };
             let end = mark.zeta() * (1.15 * unit * mark.size);
-            let up = |end: Vec3| if end.z < 0.0 { -end } else { end };
+            let up = |end: Vec3| {
+                if end.dot(self.run.up) < 0.0 {
+                    -end
+                } else {
+                    end
+                }
+            };
             self.caption(tick, &name, lost, colour, mark.X_BS.p + up(end));
             let entry = sign.swept.first().copied().unwrap_or_default() * (1.25 * unit);
             let below = mark.X_BS.p - up(entry);
@@ -118,7 +124,7 @@ impl Recording<'_> {
             "now",
             words,
             QUIET,
-            picture.hand.p - Vec3::Z * (1.9 * unit),
+            picture.hand.p - self.run.up * (1.9 * unit),
         );
     }
 
