@@ -442,7 +442,7 @@ def test_a_browser_changes_only_what_is_offered_and_only_while_it_steers():
     """viser takes any value from any browser: it is put back where the page does not offer it, or the browser may not."""
     from armplane.play.page import Page
 
-    steers, watches, has_no_camera = 1, 2, 3
+    steers, watches, has_no_camera, nor_has_this = 1, 2, 3, 4
     page, given, faults = object.__new__(Page), [], []
     page.actions, page.kept, page.driver, page.refused, page.touched = queue.Queue(), {}, None, 0, time.monotonic()
     page.server = types.SimpleNamespace(get_clients=lambda: {steers: None, watches: None})
@@ -462,9 +462,9 @@ def test_a_browser_changes_only_what_is_offered_and_only_while_it_steers():
 
     # Nobody steers yet: a value that is none gives nobody the hand, nor does a browser without a picture get it.
     assert [set_by(watches, value) for value in (5000.0, -1.0, float("nan"))] == [0.3] * 3
-    assert (set_by(has_no_camera, 0.1), page.driver, page.refused) == (0.3, None, 1)
+    assert (set_by(has_no_camera, 0.1), set_by(nor_has_this, 0.1), page.driver, page.refused) == (0.3, 0.3, None, 2)
     assert (set_by(steers, 0.2), page.driver) == (0.2, steers)
-    assert (set_by(watches, 0.4), set_by(has_no_camera, 0.4), page.driver, page.refused) == (0.2, 0.2, steers, 3)
+    assert (set_by(watches, 0.4), set_by(has_no_camera, 0.4), page.driver, page.refused) == (0.2, 0.2, steers, 4)
     page._inject("x"), page._go_near("x"), page._turn(0, float("nan"))
     assert not faults
     page._inject("noise")
