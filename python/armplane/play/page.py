@@ -65,8 +65,7 @@ class Page:
         self.failures, self.ended, self.said, self.kept = 0, [], time.monotonic(), {}
         # viser prints a box with addresses, without the token.
         with door.guarded(token), contextlib.redirect_stdout(io.StringIO()):
-            where = {"host": given.host, "port": given.port, "label": "armplane play"}
-            self.server = viser.ViserServer(**where, verbose=False)
+            self.server = viser.ViserServer(given.host, given.port, label="armplane play", verbose=False)
         # viser's tunnel would show the page to the world.
         self.server.request_share_url = lambda *_, **__: None
         # A stranger's broken request is no error of ours.
@@ -78,8 +77,7 @@ class Page:
     # The controls.
 
     def _add_controls(self, gui):
-        look = {"show_logo": False, "show_share_button": False, "brand_color": (214, 51, 164)}
-        gui.configure_theme(dark_mode=True, control_width="large", **look)
+        gui.configure_theme(dark_mode=True, control_width="large", show_logo=False, show_share_button=False, brand_color=(214, 51, 164))
         gui.add_html(panel.STYLE)
         self.html = gui.add_html("")
         with gui.add_folder("Go to") as self.places:
@@ -359,18 +357,15 @@ class Page:
 
     def _show_panel(self, session, ghost, clients):
         self._notify(clients)
-        seen, mode = session.seen, self.hand.mode
-        pace = session.pace()
+        seen, mode, pace = session.seen, self.hand.mode, session.pace()
         foot = MODES[mode] + (f" · {len(clients)} watch" if len(clients) > 1 else "")
         foot += f" · slow computer: {pace:.2f} of real time" if pace < SLOW else ""
-        target = self.scene.target.position.tolist()
-        state = {"mode": mode, "robot": session.robot.name, "run": session.run, "target": target}
-        state |= {"hand": [*seen["plant_state"].p_BE]}
-        state |= {"nearest": seen["servo_state"].nearest, "arrivals": self.hand.arrivals}
-        state |= {"places": [*self.postures], "ghost": ghost is not None, "refused": self.refused}
-        state |= {"camera": self.scene.camera, "pace": pace}
-        story = "\n".join(self.story)
-        self.html.content = panel.page(session.robot, seen, ghost, story, foot, state)
+        state = {
+            "mode": mode, "robot": session.robot.name, "run": session.run, "target": self.scene.target.position.tolist(), "hand": [*seen["plant_state"].p_BE],
+            "nearest": seen["servo_state"].nearest, "arrivals": self.hand.arrivals, "places": [*self.postures], "ghost": ghost is not None,
+            "refused": self.refused, "camera": self.scene.camera, "pace": pace,
+        }  # fmt: skip
+        self.html.content = panel.page(session.robot, seen, ghost, "\n".join(self.story), foot, state)
 
     def _meet(self, session):
         """The first tick of an arm that has not been shown yet."""

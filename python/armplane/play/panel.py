@@ -98,17 +98,10 @@ def page(robot, seen, ghost, story, foot, state):
     programs that look at the page."""
     text, detail = map(html.escape, reason(robot, seen))
     colour = COLOURS.get(seen["servo_state"].reason, SLOW)
-    return "".join(
-        [
-            f'<div class="ap" data-state="{html.escape(json.dumps(state))}">',
-            f'<div class="say" style="border-color:{colour}">{text}',
-            f"<small>{detail or '&nbsp;'}</small></div>",
-            "<h3>Distance to each singularity; left of the line, the null space takes over</h3>",
-            *_measures(robot, seen["singularity"]),
-            "<h3>Joints: speed (left) and torque (right), as shares of their limits</h3>",
-            *_joints(robot, seen, ghost),
-            _race(ghost) if ghost else "",
-            f'<h3>Messages</h3><div class="log">{html.escape(story)}</div>',
-            f'<div class="foot">{foot}</div></div>',
-        ]
+    return (
+        f'<div class="ap" data-state="{html.escape(json.dumps(state))}"><div class="say" style="border-color:{colour}">{text}'
+        f"<small>{detail or '&nbsp;'}</small></div><h3>Distance to each singularity; left of the line, the null space takes over</h3>"
+        f"{''.join(_measures(robot, seen['singularity']))}<h3>Joints: speed (left) and torque (right), as shares of their limits</h3>"
+        f"{''.join(_joints(robot, seen, ghost))}{_race(ghost) if ghost else ''}<h3>Messages</h3><div class=\"log\">{html.escape(story)}</div>"
+        f'<div class="foot">{foot}</div></div>'
     )

@@ -38,15 +38,11 @@ class Arm:
 
     def _tube(self, name, a, b, radius, colour):
         """From a to b; a link with a ball at its end."""
-        length, wxyz, look = float(np.linalg.norm(b - a)), (1, 0, 0, 0), {"color": colour}
-        if length > 1e-6:
-            wxyz = quaternion(trimesh.geometry.align_vectors([0, 0, 1], b - a)[:3, :3])
-        place, look = {"wxyz": wxyz, "position": (a + b) / 2}, look | self.look
-        add, height = self.scene, max(length, 1e-6)
-        self.parts.append(add.add_cylinder(name, radius, height, **place, **look))
+        length, look = float(np.linalg.norm(b - a)), {"color": colour, **self.look}
+        wxyz = quaternion(trimesh.geometry.align_vectors([0, 0, 1], b - a)[:3, :3]) if length > 1e-6 else (1, 0, 0, 0)
+        self.parts.append(self.scene.add_cylinder(name, radius, max(length, 1e-6), wxyz=wxyz, position=(a + b) / 2, **look))
         if colour == SHELL:
-            ball = add.add_icosphere(f"{name}/end", radius, position=(0, 0, length / 2), **look)
-            self.parts.append(ball)
+            self.parts.append(self.scene.add_icosphere(f"{name}/end", radius, position=(0, 0, length / 2), **look))
 
     def move(self, q):
         """Takes the posture; returns the frames."""
@@ -70,15 +66,12 @@ class Scene:
         self.camera = None
         for client in server.get_clients().values():
             self.aim(client)
-        grey = {"cell_color": (42, 48, 60), "section_color": (64, 72, 90)}
-        cells = {"cell_size": reach / 10, "section_size": reach / 2, "position": (0, 0, floor)}
-        scene.add_grid("/floor", 6 * reach, 6 * reach, **cells, **grey)
+        grey, light = (42, 48, 60), (64, 72, 90)
+        scene.add_grid("/floor", 6 * reach, 6 * reach, cell_size=reach / 10, section_size=reach / 2, position=(0, 0, floor), cell_color=grey, section_color=light)
         if floor < -0.05 * reach:
-            middle = (0, 0, floor / 2)
-            scene.add_cylinder("/pedestal", 0.07 * reach, -floor, JOINT, position=middle)
+            scene.add_cylinder("/pedestal", 0.07 * reach, -floor, JOINT, position=(0, 0, floor / 2))
         self.arm, self.ghost = Arm(scene, "/arm", robot, 0.042), None
-        look = {"line_width": 3.0, "disable_sliders": True, "depth_test": False, "opacity": 0.9}
-        self.target = scene.add_transform_controls("/target", scale=0.16 * reach, **look)
+        self.target = scene.add_transform_controls("/target", scale=0.16 * reach, line_width=3.0, disable_sliders=True, depth_test=False, opacity=0.9)
         self.grip = scene.add_icosphere("/target/grip", 0.048 * reach, HAND)
         self.leash = self._lines("/leash", 1, HAND, 2.0)
         self.trail = self._lines("/trail", TRAIL_POINTS - 1, TRAIL, 2.5)
@@ -87,26 +80,19 @@ class Scene:
         self._add_zeta(scene, reach)
 
     def _lines(self, name, count, colour, width):
-        look = {"thickness": width, "thickness_units": "screen"}
-        points = np.zeros((count, 2, 3))
-        return self.server.scene.add_line_segments(name, points, colour, **look)
+        return self.server.scene.add_line_segments(name, np.zeros((count, 2, 3)), colour, thickness=width, thickness_units="screen")
 
     def _add_zeta(self, scene, reach):
         """Arrows on both sides of the hand, at one of them the ring, at the other the frame."""
         near, far = 0.2 * reach, 0.38 * reach
         self.zeta = scene.add_frame("/zeta", show_axes=False, visible=False)
         arrows = np.array([[[side * near, 0, 0], [side * far, 0, 0]] for side in (1, -1)])
-        shaft, head, length = np.array([0.009, 0.025, 0.06]) * reach
-        size = {"shaft_radius": shaft, "head_radius": head, "head_length": length}
-        scene.add_arrows("/zeta/arrows", arrows, ZETA, **size)
-        size = {"axes_length": 0.13 * reach, "axes_radius": 0.005 * reach}
-        self.frame = scene.add_frame("/zeta/frame", **size, position=(near, 0, 0))
+        scene.add_arrows("/zeta/arrows", arrows, ZETA, shaft_radius=0.009 * reach, head_radius=0.025 * reach, head_length=0.06 * reach)
+        self.frame = scene.add_frame("/zeta/frame", axes_length=0.13 * reach, axes_radius=0.005 * reach, position=(near, 0, 0))
         ring = trimesh.creation.torus(0.05 * reach, 0.006 * reach)
         ring.apply_transform(trimesh.geometry.align_vectors([0, 0, 1], [1, 0, 0]))
-        look = {"color": ZETA, "position": (-0.26 * reach, 0, 0)}
-        self.ring = scene.add_mesh_simple("/zeta/ring", ring.vertices, ring.faces, **look)
-        place = {"position": (far, 0, 0), "anchor": "bottom-center"}
-        self.label = scene.add_label("/zeta/label", "ζ", **place)
+        self.ring = scene.add_mesh_simple("/zeta/ring", ring.vertices, ring.faces, color=ZETA, position=(-0.26 * reach, 0, 0))
+        self.label = scene.add_label("/zeta/label", "ζ", position=(far, 0, 0), anchor="bottom-center")
 
     def aim(self, client):
         """Places a browser's camera: the arm beside the panel, on a phone above it."""
@@ -123,8 +109,7 @@ class Scene:
     def show_ghost(self, session, is_red):
         """The arm of the other law; red from the moment when a joint has reached a limit."""
         if self.ghost is None:
-            look = {"opacity": 0.3, "color": GHOST}
-            self.ghost = Arm(self.server.scene, "/ghost", session.robot, 0.05, **look)
+            self.ghost = Arm(self.server.scene, "/ghost", session.robot, 0.05, opacity=0.3, color=GHOST)
         self.ghost.move(session.q)
         for part in self.ghost.parts if is_red else ():
             part.color = ALARM

@@ -55,16 +55,13 @@ class Session:
         else:
             graph.write_text(GRAPH)
             settings += [f"control.strategy={law}"] if law else []
-        command = [_program(), "servo", subject, "--from=-", f"--graph={graph}"]
-        command += [f"--out={self.folder / 'run'}", f"--duration={LONGEST_S}"]
-        if start is not None:
-            command.append("--start=" + ",".join(f"{x:.9g}" for x in np.degrees(start)))
-        command += [f"--set={one}" for one in settings]
-        pipes = {"stdin": subprocess.PIPE, "stderr": subprocess.PIPE, "stdout": subprocess.DEVNULL}
-        # In a session of its own: Ctrl-C in the terminal is for the page. If the page is killed,
-        # the targets end, and so does the run.
-        pipes |= {"start_new_session": True, "pass_fds": [keeper]}
-        self.process = subprocess.Popen(command, text=True, **pipes)
+        begin = [] if start is None else ["--start=" + ",".join(f"{x:.9g}" for x in np.degrees(start))]
+        command = [_program(), "servo", subject, "--from=-", f"--graph={graph}", f"--out={self.folder / 'run'}", f"--duration={LONGEST_S}"]
+        command += begin + [f"--set={one}" for one in settings]
+        # In a session of its own: Ctrl-C in the terminal is for the page. If the page is killed, the targets end, and so does the run.
+        self.process = subprocess.Popen(
+            command, text=True, stdin=subprocess.PIPE, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, start_new_session=True, pass_fds=[keeper]
+        )
         self._lock = threading.Lock()
         self.listener = threading.Thread(target=self._listen, daemon=True)
         self.listener.start()
@@ -87,8 +84,7 @@ class Session:
             self.process.send_signal(signal.SIGINT)
             return
         self.rate_hz, self._paces = joined.now.rate_hz, collections.deque(maxlen=10)
-        n, arm = robot.dof, robot.arm
-        topics = joined.inputs
+        n, arm, topics = robot.dof, robot.arm, joined.inputs
         plant = topics["plant_state"]
         qdot, tau = (np.frombuffer(field, count=n) for field in (plant.qdot, plant.tau))
         # Largest speed and torque so far, as shares of their limits.
