@@ -23,6 +23,8 @@ SUFFIXES = {"mm": "mm", "deg": "degrees", "m": "m", "s": "s", "hz": "Hz", "ms": 
 SUFFIXES |= {"ratio": "share of the limit", "bytes": "bytes"}
 # Described on a page of their own.
 ELSEWHERE = {"Kind": "[word](faults.md#kinds)", "Way": "[word](faults.md#variants)"}
+# Writers of topics that few runs have.
+SOME = {"wrist_force": "plant (runs with a force)"}
 # A run of each kind leaves a scenario with the defaults of all keys.
 PATH = 'name = "path"\nrobot = "puma560"\n[start]\nposture = "ready"\n[[segment]]\nduration_s = 0.01\n'
 STEERED = 'name = "steered"\nrobot = "puma560"\n[start]\nposture = "ready"\n[servo]\ntargets = """\n# armplane targets 1, length m\n0.0, end\n"""\n'
@@ -212,7 +214,7 @@ def messages(_):
     used = {topic["structure"]: topic for topic in wire["topics"]}
     text = f"{wire['timing']} [The wire](../wire.md) shows how a program of yours reads and writes them.\n\n## Topics\n\n"
     text += table(["topic", "message", "writer", "readers", "bytes"], [
-        [f"`{one['topic']}`", f"[{one['structure']}](#{one['structure'].lower()})", one["writer"] or "(steered runs)", ", ".join(one["readers"]), one["bytes"]]
+        [f"`{one['topic']}`", f"[{one['structure']}](#{one['structure'].lower()})", one["writer"] or SOME.get(one["topic"], "(steered runs)"), ", ".join(one["readers"]), one["bytes"]]
         for one in wire["topics"]])
     for name, one in fields.items():
         heading = f" `{used[name]['type']}` on the topic `{used[name]['topic']}`." if name in used else ""

@@ -43,7 +43,8 @@ REFUSAL_UNLISTED = 9
 REFUSAL_ESTIMATE = 10
 REFUSAL_PARTED = 11
 REFUSAL_CHECKPOINT = 12
-REFUSALS = {REFUSAL_NONE: "", REFUSAL_STATE: "the estimated state is not a finite number", REFUSAL_REPORT: "the singularity report is of another version of the wire", REFUSAL_SINGULAR: "the arm is singular in a way that the law does not handle; start or lead the path elsewhere", REFUSAL_SPEED: "the path passes so near to a singularity that even at its slowest it needs far more joint speed than there is", REFUSAL_ROOM: "the singular direction cannot be turned as asked: the joints have no room for it; ask for less, or start elsewhere", REFUSAL_TORQUE: "the torque is not a finite number", REFUSAL_ROUTE: "the path cannot be followed within the joint limits from this start posture; start in another posture, or lead the path elsewhere", REFUSAL_LIMIT: "a joint came too near to its limit and the arm was stopped before it; start in another posture, or end the path earlier", REFUSAL_UNLISTED: "the arm has lost a direction that no listed singularity explains: start elsewhere, or lead the path around that posture", REFUSAL_ESTIMATE: "the estimated state moves as no torque within the limits can move the arm; see to the encoders", REFUSAL_PARTED: "the arm was held back or thrown", REFUSAL_CHECKPOINT: "the checkpoint of the process before it is damaged; start the run again"}
+REFUSAL_CONTACT = 13
+REFUSALS = {REFUSAL_NONE: "", REFUSAL_STATE: "the estimated state is not a finite number", REFUSAL_REPORT: "the singularity report is of another version of the wire", REFUSAL_SINGULAR: "the arm is singular in a way that the law does not handle; start or lead the path elsewhere", REFUSAL_SPEED: "the path passes so near to a singularity that even at its slowest it needs far more joint speed than there is", REFUSAL_ROOM: "the singular direction cannot be turned as asked: the joints have no room for it; ask for less, or start elsewhere", REFUSAL_TORQUE: "the torque is not a finite number", REFUSAL_ROUTE: "the path cannot be followed within the joint limits from this start posture; start in another posture, or lead the path elsewhere", REFUSAL_LIMIT: "a joint came too near to its limit and the arm was stopped before it; start in another posture, or end the path earlier", REFUSAL_UNLISTED: "the arm has lost a direction that no listed singularity explains: start elsewhere, or lead the path around that posture", REFUSAL_ESTIMATE: "the estimated state moves as no torque within the limits can move the arm; see to the encoders", REFUSAL_PARTED: "the arm was held back or thrown", REFUSAL_CHECKPOINT: "the checkpoint of the process before it is damaged; start the run again", REFUSAL_CONTACT: "the hand met nothing in the direction of its force, or could not press that hard: put a surface there, or start nearer to it"}
 
 DRIVE_ACTIVE = 0
 DRIVE_HOLDING = 1
@@ -217,6 +218,19 @@ class PlantState(ctypes.Structure):
 assert ctypes.sizeof(PlantState) == 544
 
 
+class WristForce(ctypes.Structure):
+    """The force on the hand as the wrist's sensor measures it, the tool's own weight taken out: plant → controller. Only runs that control a force have it."""
+
+    __slots__ = ()
+    _fields_ = [
+        ("header", Header),  # Tick, incarnation, stamps
+        ("force_n", ctypes.c_double * 3),  # Force of the surroundings on the hand, base axes, noise included [N]
+    ]
+
+
+assert ctypes.sizeof(WristForce) == 176
+
+
 class StateEstimate(ctypes.Structure):
     """The estimated state: estimator → analyzer, controller."""
 
@@ -346,6 +360,7 @@ assert ctypes.sizeof(TorqueCommand) == 224
 TOPICS = {
     "sensor": (SensorSample, "armplane.SensorSample.v3", 0x7b596d813efcbd78),
     "plant_state": (PlantState, "armplane.PlantState.v3", 0xb3429417b6bb5ea6),
+    "wrist_force": (WristForce, "armplane.WristForce.v1", 0x27188641471cee33),
     "estimate": (StateEstimate, "armplane.StateEstimate.v4", 0x26d6dbe8667c45e8),
     "singularity": (SingularityReport, "armplane.SingularityReport.v5", 0xa79668c82480372e),
     "target": (Target, "armplane.Target.v2", 0xf7a8d3c2246c9806),

@@ -174,8 +174,36 @@ wire! {
 }
 
 wire! {
+    /// The force of a segment; zero without one.
+    ForceCheckpoint {
+        /// Set-point as far as it has risen; N.
+        set_n: f64,
+        /// Integral of the force error as a speed; m/s.
+        integral: f64,
+        /// Estimated depth in the surface; m.
+        depth_m: f64,
+        /// Measured force, low-passed; N.
+        felt_n: f64,
+        /// The newest force of the wrist's sensor, base axes; N.
+        wrist_n: [f64; 3],
+        /// Speed of the surface along the force's direction; m/s.
+        surface_speed: f64,
+        /// Place along the force's direction from which a surface is looked for; m.
+        from_m: f64,
+        /// How long the segment has waited for its force; s.
+        waited_s: f64,
+        /// How long the force has been near its set-point, or without contact where there was one; s.
+        lasted_s: f64,
+        /// 1 + index of the segment, 0 before the first.
+        leg: u32,
+        /// 0: nothing was met yet; 1: in contact; 2: in contact, and the segment's motion has begun; 3: that contact is lost.
+        stage: u32,
+    }
+}
+
+wire! {
     /// State of the controller after a tick.
-    ControllerCheckpoint checkpoint version 7 {
+    ControllerCheckpoint checkpoint version 8 {
         /// Index of the task segment; the number of segments once the path is finished.
         segment: u32,
         /// 1 once the segment's goal has been fixed.
@@ -238,6 +266,8 @@ wire! {
         qdot_plausible: [f64; MAX_DOF],
         /// Per singularity.
         loops: [LoopCheckpoint; MAX_SINGULARITIES],
+        /// Of segments with a force.
+        force: ForceCheckpoint,
         /// Of steered runs.
         servo: ServoCheckpoint,
     }
@@ -266,9 +296,9 @@ mod tests {
                 0xd183_645a_d89c_2cda,
             ),
             (
-                "armplane.ControllerCheckpoint.v7",
-                3736,
-                0x8514_6635_3162_42a8,
+                "armplane.ControllerCheckpoint.v8",
+                3832,
+                0xf0db_5182_f346_e7a9,
             ),
         ];
         assert_eq!(

@@ -125,6 +125,8 @@ codes! {
         REFUSAL_PARTED = 11 "the arm was held back or thrown",
         /// The checkpoint that it was restored from is damaged.
         REFUSAL_CHECKPOINT = 12 "the checkpoint of the process before it is damaged; start the run again",
+        /// In the direction of a force nothing was met, or not with that force.
+        REFUSAL_CONTACT = 13 "the hand met nothing in the direction of its force, or could not press that hard: put a surface there, or start nearer to it",
     }
 
     /// The drive's state.

@@ -6,7 +6,7 @@
 //!
 //! ```toml
 //! extends = "armplane"          # all processes of the built-in graph; one with the name of another takes its place
-//!                               # "servo": the same with an operator that publishes targets
+//!                               # "servo": the same with an operator that publishes targets; "force": with a sensor at the wrist
 //!
 //! [[topic]]                     # a message that only this graph knows
 //! name = "energy"
@@ -26,13 +26,14 @@ mod check;
 mod topology;
 
 use crate::file::{Complaint, InvalidFile};
+use crate::scenario::Scenario;
 use crate::topics::TOPICS;
 
 pub use crate::process::{MAX_PROCESSES, Process, Program, Restart, Role};
-pub use built_in::{BUILT_IN, STEERED};
+pub use built_in::{BUILT_IN, PRESSING, STEERED};
 pub use topology::Graph;
 
-use built_in::{BUILT_IN_NAME, EVERYTHING, STEERED_NAME};
+use built_in::{BUILT_IN_NAME, EVERYTHING, PRESSING_NAME, STEERED_NAME};
 
 impl Graph {
     /// The built-in graph, of a steered run with an operator.
@@ -48,6 +49,17 @@ impl Graph {
         Self::parse(name, text)
     }
 
+    /// The built-in graph for a scenario: with an operator where it is steered, with a sensor at the wrist where it controls a force by one.
+    ///
+    /// # Errors
+    /// See [`Graph::parse`].
+    pub fn of(scenario: &Scenario) -> Result<Self, InvalidFile> {
+        if scenario.has_wrist_sensor() {
+            return Self::parse("force.toml", PRESSING);
+        }
+        Self::built_in(scenario.servo.is_some())
+    }
+
     /// Reads and validates a graph.
     ///
     /// # Errors
@@ -58,6 +70,7 @@ impl Graph {
         let before = match graph.extends.as_str() {
             "" => 0,
             BUILT_IN_NAME => graph.extend(BUILT_IN)?,
+            PRESSING_NAME => graph.extend(PRESSING)? + graph.extend(BUILT_IN)?,
             STEERED_NAME => {
                 // Two steps: the graph of a steered run extends the other.
                 graph.extend(STEERED)? + graph.extend(BUILT_IN)?
@@ -67,7 +80,9 @@ impl Graph {
                 return Err(Complaint::new(
                     "extends",
                     message,
-                    format!("extends = \"{BUILT_IN_NAME}\", or \"{STEERED_NAME}\""),
+                    format!(
+                        "extends = \"{BUILT_IN_NAME}\", \"{STEERED_NAME}\" or \"{PRESSING_NAME}\""
+                    ),
                 )
                 .locate(file, text));
             }
@@ -141,7 +156,7 @@ fn place_in_file(path: &str, before: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::topics::ALWAYS;
+    use crate::topics::{ALWAYS, PRESSING as PRESSED};
 
     fn names<'a>(processes: impl IntoIterator<Item = &'a Process>) -> Vec<&'a str> {
         processes
@@ -180,7 +195,15 @@ mod tests {
         let steered = parse(STEERED);
         let hops = ["plant", "estimator", "analyzer", "operator", "controller"];
         assert_eq!(names(steered.hops()), hops);
-        assert_eq!(steered.process("recorder").unwrap().reads, TOPICS);
+        let all = || TOPICS.into_iter().filter(|topic| *topic != PRESSED);
+        assert!(all().eq(&steered.process("recorder").unwrap().reads));
+        // One that controls a force has a sensor at the wrist, and no target.
+        let pressing = parse(PRESSING);
+        assert_eq!(
+            names(pressing.hops()),
+            ["plant", "estimator", "analyzer", "controller"]
+        );
+        assert!(pressing.writer(PRESSED).is_some() && pressing.writer("target").is_none());
     }
 
     fn in_chain(graph: &Graph) -> Vec<&Process> {

@@ -44,7 +44,7 @@ pub mod wire;
 pub use checkpoints::{AnalyzerCheckpoint, ControllerCheckpoint, EstimatorCheckpoint};
 pub use messages::{
     ControlState, PlantState, SensorSample, ServoState, SingularityReport, SingularityState,
-    StateEstimate, Target, TargetContent, TorqueCommand,
+    StateEstimate, Target, TargetContent, TorqueCommand, WristForce,
 };
 pub use topics::{ByTopic, Topic};
 pub use wire::{Checkpoint, Header, Layout, Message, Stamps};

@@ -59,6 +59,16 @@ wire! {
 }
 
 wire! {
+    /// The force on the hand as the wrist's sensor measures it, the tool's own weight taken out: plant → controller. Only runs that control a force have it.
+    WristForce on "wrist_force" version 1 {
+        /// Tick, incarnation, stamps.
+        header: Header,
+        /// Force of the surroundings on the hand, base axes, noise included; N.
+        force_n: [f64; 3],
+    }
+}
+
+wire! {
     /// The estimated state: estimator → analyzer, controller.
     StateEstimate on "estimate" version 4 {
         /// Tick, incarnation, stamps.
@@ -309,6 +319,7 @@ mod tests {
         let known = [
             ("armplane.SensorSample.v3", 288, 0x7b59_6d81_3efc_bd78),
             ("armplane.PlantState.v3", 544, 0xb342_9417_b6bb_5ea6),
+            ("armplane.WristForce.v1", 176, 0x2718_8641_471c_ee33),
             ("armplane.StateEstimate.v4", 416, 0x26d6_dbe8_667c_45e8),
             ("armplane.SingularityReport.v5", 1328, 0xa796_68c8_2480_372e),
             ("armplane.Target.v2", 352, 0xf7a8_d3c2_246c_9806),

@@ -20,6 +20,7 @@
 mod analysis;
 mod control;
 mod curve;
+mod force;
 mod mount;
 mod plant;
 mod result;
@@ -31,10 +32,12 @@ use serde::{Deserialize, Serialize};
 use crate::fault::{Fault, ScheduledFault};
 use crate::file::{Complaint, InvalidFile, require, within};
 use crate::graph::Graph;
+use crate::topics::{PRESSING, STEERED};
 
 pub use analysis::{Analysis, BySingularity};
 pub use control::{Baseline, Control, Damping, HoldAndBlend, Strategy};
 pub use curve::{AXES, Arc, Axis, Frame, Points, Table};
+pub use force::{Force, Surface};
 pub use mount::{Mount, Payload, Push, Tool};
 pub use plant::{Estimator, Plant, PlantModel};
 pub use result::{Goal, Layout, View};
@@ -153,6 +156,27 @@ impl Scenario {
     #[must_use]
     pub fn frame(&self) -> Option<&str> {
         Some(self.frame.as_str()).filter(|frame| !frame.is_empty())
+    }
+
+    /// Whether a segment controls a force.
+    #[must_use]
+    pub fn presses(&self) -> bool {
+        self.segment.iter().any(|segment| segment.force.is_some())
+    }
+
+    /// Whether a segment controls a force by a sensor at the wrist.
+    #[must_use]
+    pub fn has_wrist_sensor(&self) -> bool {
+        self.plant.wrist_sensor && self.presses()
+    }
+
+    /// Whether its run has a topic of ours: targets where it is steered, a wrist's force where it controls one.
+    #[must_use]
+    pub fn sends(&self, topic: &str) -> bool {
+        match topic {
+            PRESSING => self.has_wrist_sensor(),
+            _ => self.servo.is_some() || !STEERED.contains(&topic),
+        }
     }
 
     /// Time step; s.

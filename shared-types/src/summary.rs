@@ -49,6 +49,9 @@ pub struct Summary {
     pub turns: Vec<TurnSummary>,
     /// Changes of mode, in order.
     pub modes: Vec<ModeChange>,
+    /// A run that controls a force: how the hand kept it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub force: Option<ForceSummary>,
     /// A steered run: how the arm followed its targets.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub servo: Option<ServoSummary>,
@@ -139,6 +142,33 @@ pub struct TopicSummary {
     pub count: u64,
     /// 64-bit XXH3 of all contents in order, hexadecimal.
     pub hash: String,
+}
+
+/// The force of the hand's segments with one, by the simulator's true contact. *Moving* are the ticks
+/// after the approach, in which the segment's path goes on.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ForceSummary {
+    /// What the controller measured the force with: `"wrist sensor"` or `"observer"`.
+    pub source: String,
+    /// Largest set-point.
+    pub newtons: f64,
+    /// Ticks moving.
+    pub ticks: u64,
+    /// Root mean square of the force error, moving.
+    pub rms_n: f64,
+    /// Largest force error, moving.
+    pub error_max_n: f64,
+    /// Ticks without contact, moving.
+    pub lift_off_ticks: u64,
+    /// Largest force before the path went on: impact and rise.
+    pub impact_max_n: f64,
+    /// Ticks before the path went on: approach, impact and rise.
+    pub approach_ticks: u64,
+    /// Largest position error across the force's direction, moving.
+    pub tangential_max_mm: f64,
+    /// Largest share of the force, 0 to 1, that lay along a lost direction: the structure bears it,
+    /// and no motion controls it.
+    pub borne_max: f64,
 }
 
 /// Errors of the hand: desired against true pose. *Orthogonal* leaves out the singular directions

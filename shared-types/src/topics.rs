@@ -9,7 +9,7 @@ use std::marker::PhantomData;
 
 use crate::messages::{
     ControlState, PlantState, SensorSample, ServoState, SingularityReport, StateEstimate, Target,
-    TorqueCommand,
+    TorqueCommand, WristForce,
 };
 use crate::wire::Message;
 
@@ -19,6 +19,7 @@ macro_rules! for_each_topic {
         $callback! {
             sensor: SensorSample,
             plant_state: PlantState,
+            wrist_force: WristForce,
             estimate: StateEstimate,
             singularity: SingularityReport,
             target: Target,
@@ -158,6 +159,9 @@ pub trait Each {
 /// The topics that only a steered run has.
 pub const STEERED: [&str; 2] = [Target::TOPIC, ServoState::TOPIC];
 
+/// The topic that only a run has that controls a force.
+pub const PRESSING: &str = WristForce::TOPIC;
+
 /// The topics of the control chain in the order of the data: one message of each is once around the loop.
 pub const CHAIN: [&str; 4] = [
     SensorSample::TOPIC,
@@ -170,10 +174,10 @@ pub const CHAIN: [&str; 4] = [
 pub const MAX_TOPICS: usize = 29;
 
 /// The topics that every run has, in the order of the list.
-pub const ALWAYS: [&str; COUNT - STEERED.len()] = {
-    let (mut always, mut taken, mut place) = ([""; COUNT - STEERED.len()], 0, 0);
+pub const ALWAYS: [&str; COUNT - STEERED.len() - 1] = {
+    let (mut always, mut taken, mut place) = ([""; COUNT - STEERED.len() - 1], 0, 0);
     while place < COUNT {
-        if !is_in(TOPICS[place], &STEERED) {
+        if !is_in(TOPICS[place], &STEERED) && !is_same(TOPICS[place], PRESSING) {
             always[taken] = TOPICS[place];
             taken += 1;
         }

@@ -23,7 +23,7 @@ const STEADY: f64 = 0.02;
 /// The effect of constraints over the last tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Touch {
-    /// Mean force from the world on the arm over the tick, base axes; N.
+    /// Mean force from floor and links on the arm over the tick, and force of the surfaces at its end, base axes; N.
     pub force: Vector3<f64>,
     /// Contact points that carry force at the end of the tick.
     pub contacts: u32,
@@ -277,7 +277,7 @@ impl<const N: usize> Hybrid<N> {
         #[cfg(test)]
         let asks = asks || self.always;
         if asks {
-            let response = self.ask(x, &smooth.driving(&x.qdot, tau), h);
+            let response = self.ask(x, &smooth.driving(&x.q, &x.qdot, tau), h);
             let dv = response.state.qdot - response.free;
             self.constraints.effect = dv / h;
             #[cfg(test)]
@@ -349,7 +349,7 @@ impl<const N: usize> Hybrid<N> {
     fn assert_idle(&mut self, smooth: &Smooth<N>, x: &State<N>, tau: &SVector<f64, N>) {
         let (mut x, h) = (*x, self.tick_s / f64::from(self.substeps));
         for _ in 0..self.substeps {
-            let response = self.world.step(&x, &smooth.driving(&x.qdot, tau), h);
+            let response = self.world.step(&x, &smooth.driving(&x.q, &x.qdot, tau), h);
             assert!(
                 response.contacts == 0 && response.state.qdot == response.free,
                 "a constraint acts in free motion"

@@ -22,6 +22,7 @@ mod plant;
 pub mod scenarios;
 mod smooth;
 mod solids;
+mod surface;
 #[cfg(test)]
 mod tests;
 mod world;

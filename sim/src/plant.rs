@@ -3,8 +3,9 @@
 use crate::error::PlantError;
 use crate::hybrid::{Hybrid, Touch};
 use crate::smooth::{Smooth, State};
+use crate::surface::Surfaces;
 use model::{ArmMotion, Model, Robot, joints, padded};
-use nalgebra::SVector;
+use nalgebra::{SVector, Vector3};
 use shared_types::checkpoints::PlantCheckpoint;
 use shared_types::scenario::{self, PlantModel};
 
@@ -70,7 +71,11 @@ impl<const N: usize> Plant<N> {
         } else {
             SVector::zeros()
         };
-        let smooth = Smooth { model, viscous };
+        let smooth = Smooth {
+            model,
+            viscous,
+            surfaces: Surfaces::new(options),
+        };
         let tick_s = 1.0 / f64::from(rate_hz);
         let back_end = match options.model {
             PlantModel::Reference => {
@@ -120,7 +125,12 @@ impl<const N: usize> Plant<N> {
             return Err(Diverged);
         }
         self.motion = self.smooth.motion(&state);
+        let (force, count) = self.smooth.pressed(&self.motion);
         (self.state, self.touch) = (state, touch);
+        if count > 0 {
+            self.touch.force += force;
+            self.touch.contacts += count;
+        }
         Ok(())
     }
 
@@ -175,6 +185,11 @@ impl<const N: usize> Plant<N> {
     /// The effect of constraints over the last tick.
     pub fn touch(&self) -> &Touch {
         &self.touch
+    }
+
+    /// Force of the surfaces on the hand in this state, base axes; N.
+    pub fn pressed(&self) -> Vector3<f64> {
+        self.smooth.pressed(&self.motion).0
     }
 
     /// The simulated arm's model (with the scenario's mass factor).

@@ -1,7 +1,8 @@
 //! The arm's smooth dynamics and their exact integration.
 
+use crate::surface::Surfaces;
 use model::{ArmMotion, Model};
-use nalgebra::SVector;
+use nalgebra::{SVector, Vector3};
 
 /// Where the joints are and how they move.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,21 +31,40 @@ impl<const N: usize> State<N> {
 /// Longest step of [`Smooth::advance`]; s.
 const LONGEST_S: f64 = 1e-3;
 
+/// Longest step near a surface; s.
+const CONTACT_S: f64 = 1e-4;
+
 /// Speed at which motion counts as diverged: its square, and with it the energy, is a number still; rad/s.
 const FASTEST: f64 = 1e100;
 
-/// Everything about the arm that is a smooth function of its state: A·q̈ + C·q̇ + g + b∘q̇ = τ.
+/// Everything about the arm that is a smooth function of its state: A·q̈ + C·q̇ + g + b∘q̇ = τ + JᵀF, F of the surfaces.
 #[derive(Clone, Debug)]
 pub(crate) struct Smooth<const N: usize> {
     pub(crate) model: Model<N>,
     /// Viscous friction b; N·m·s/rad. Zero where the scenario has no friction.
     pub(crate) viscous: SVector<f64, N>,
+    pub(crate) surfaces: Surfaces,
 }
 
 impl<const N: usize> Smooth<N> {
-    /// Joint torque less viscous friction; N·m.
-    pub(crate) fn driving(&self, qdot: &SVector<f64, N>, tau: &SVector<f64, N>) -> SVector<f64, N> {
-        tau - self.viscous.component_mul(qdot)
+    /// Joint torque less viscous friction, and that of the surfaces; N·m.
+    pub(crate) fn driving(
+        &self,
+        q: &SVector<f64, N>,
+        qdot: &SVector<f64, N>,
+        tau: &SVector<f64, N>,
+    ) -> SVector<f64, N> {
+        let driving = tau - self.viscous.component_mul(qdot);
+        match self.surfaces.torque(&self.model, q, qdot) {
+            Some(pressed) => driving + pressed,
+            None => driving,
+        }
+    }
+
+    /// Force of the surfaces on the hand that moves so, base axes, N, and their number.
+    pub(crate) fn pressed(&self, motion: &ArmMotion<N>) -> (Vector3<f64>, u32) {
+        let v = motion.V_BE.fixed_rows::<3>(0).into_owned();
+        self.surfaces.force(&motion.X_BE.p, &v)
     }
 
     /// Everything about the arm in the state `x`.
@@ -59,10 +79,11 @@ impl<const N: usize> Smooth<N> {
         tau: &SVector<f64, N>,
     ) -> SVector<f64, N> {
         self.model
-            .forward_dynamics(q, qdot, &self.driving(qdot, tau))
+            .forward_dynamics(q, qdot, &self.driving(q, qdot, tau))
     }
 
-    /// The state `t` s after `x`, whose motion is `now`, under constant torque: in equal steps of at most [`LONGEST_S`] by [`Model::advance`].
+    /// The state `t` s after `x`, whose motion is `now`, under constant torque: in equal steps of at most [`LONGEST_S`] by [`Model::advance`], or near a
+    /// surface of at most [`CONTACT_S`] by [`rk4`](Self::rk4).
     pub(crate) fn advance(
         &self,
         x: &State<N>,
@@ -70,6 +91,11 @@ impl<const N: usize> Smooth<N> {
         tau: &SVector<f64, N>,
         t: f64,
     ) -> State<N> {
+        let moves = 2.0 * t * now.V_BE.fixed_rows::<3>(0).norm();
+        if self.surfaces.are_near(&now.X_BE.p, moves) {
+            let steps = (t / CONTACT_S).ceil();
+            return (0..steps as u32).fold(*x, |x, _| self.rk4(&x, tau, t / steps));
+        }
         let steps = (t / LONGEST_S).ceil();
         let step = |x: &State<N>, qddot: &SVector<f64, N>| {
             let [q, qdot] =
@@ -77,7 +103,7 @@ impl<const N: usize> Smooth<N> {
                     .advance(&[x.q, x.qdot], qddot, tau, &self.viscous, t / steps);
             State { q, qdot }
         };
-        let first = step(x, &now.qddot(&self.driving(&x.qdot, tau)));
+        let first = step(x, &now.qddot(&self.driving(&x.q, &x.qdot, tau)));
         (1..steps as u32).fold(first, |x, _| step(&x, &self.qddot(&x.q, &x.qdot, tau)))
     }
 

@@ -2,6 +2,7 @@
 
 use crate::hybrid::STOP_DEPTH;
 use crate::smooth::{Smooth, State};
+use crate::surface::Surfaces;
 use crate::{Plant, PlantError};
 use model::{JointKind, Model, Robot};
 use nalgebra::{SVector, Vector3};
@@ -87,6 +88,7 @@ fn free_motion_is_that_of_a_far_finer_integration() {
     let smooth = Smooth {
         model: arm.clone(),
         viscous: Joints::zeros(),
+        surfaces: Surfaces::default(),
     };
     let mut fine = State::at_rest(nominal());
     for tick in 0..2 * RATE {
@@ -110,6 +112,7 @@ fn viscous_friction_takes_out_what_it_should() {
     let smooth = Smooth {
         model: Model::new(&robot, None).unwrap(),
         viscous: *arm.model().viscous_friction(),
+        surfaces: Surfaces::default(),
     };
     let (mut lost, before) = (0.0, arm.energy());
     for _ in 0..RATE {

@@ -379,6 +379,8 @@ signals! {
     DesiredTurn "desired:angular_velocity" "rad/s" Table, XYZ, control_state |t, m| halves(&m.V_BE_d)[1];
     /// Sum of the contact forces on the arm; base axes
     ContactForce "world:contact_force_vector" "N" Table, XYZ, plant_state |t, m| m.contact_force_n;
+    /// Force of the surroundings on the hand as the wrist's sensor measures it; base axes
+    Felt "force:measured" "N" Table, XYZ, wrist_force |t, m| m.force_n;
     /// 1 inside the neighbourhood of the singularity, else 0
     Inside "singularity:inside" "1" Table, Singularities, |t| t.each(|one| f64::from(one.inside));
     /// Singular direction at the wrist centre: a unit vector, a translation (v) or a rotation (w); base axes

@@ -201,6 +201,7 @@ impl Row {
             estimate,
             report: &self.report,
             target: Some(&self.target),
+            wrist: None,
         };
         let mut out = Commanded {
             servo: Some(&mut self.servo),

@@ -21,7 +21,7 @@ pub trait Sink {
 /// # Errors
 /// [`Refused`] if it cannot be read.
 pub fn graph(scenario: &Scenario) -> Result<Graph, Refused> {
-    Graph::built_in(scenario.servo.is_some()).map_err(Refused::because)
+    Graph::of(scenario).map_err(Refused::because)
 }
 
 /// The faults that a scenario plans, where one thread can have them: those of sensors and drives,

@@ -134,3 +134,34 @@ fn scenarios_keep_the_bars_of_the_specification() {
     }
     assert!(missed.is_empty(), "missed: {missed:?}");
 }
+
+/// The arm of the built-in scenario on the table it was told of, on a softer and a harder one, on one that is tilted by 5° unsaid, with another mass, and
+/// without friction.
+#[test]
+fn a_hand_wipes_with_the_force_asked_for_through_the_wrists_lock() {
+    const TILTED: &str = "plant.surface.0.normal=[-0.0872, 0.0, 1.0]";
+    let cases: [(&[&str], f64); 6] = [
+        (&[], 0.5),
+        (&["plant.surface.0.stiffness_n_m=16000.0"], 1.0),
+        (&["plant.surface.0.stiffness_n_m=24000.0"], 1.0),
+        (&[TILTED], 1.0),
+        (&["plant.mass_factor=1.1"], 1.0),
+        (&["plant.surface.0.friction=0.0"], 0.5),
+    ];
+    let robot = Robot::builtin("puma560").unwrap();
+    for (settings, bar) in cases {
+        let settings: Vec<String> = settings.iter().map(|one| (*one).to_owned()).collect();
+        let name = "wipe-through-wrist-lock";
+        let scenario = Scenario::parse(name, sim::scenarios::text(name).unwrap(), &settings);
+        let (verdict, _) = judged(&robot, &scenario.unwrap());
+        let force = verdict.force.as_ref().unwrap();
+        println!("{settings:?}: {force:?}");
+        assert!(verdict.completed && verdict.singularities[1].s_min < 1e-3);
+        assert!(force.rms_n < bar && force.lift_off_ticks == 0, "{force:?}");
+        assert!(
+            force.impact_max_n < 20.0 && force.tangential_max_mm < 0.5,
+            "{force:?}"
+        );
+        assert_eq!(force.source, "wrist sensor");
+    }
+}

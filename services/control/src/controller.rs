@@ -1,5 +1,6 @@
 //! The controller of one arm and one task, from before its first tick.
 
+use crate::law::force::Forces;
 use crate::limits::torque::Drives;
 use crate::plan::beyond_reach;
 use crate::plan::scenario::Task;
@@ -33,6 +34,8 @@ pub(crate) struct Setup<const N: usize> {
     pub(crate) postures: Postures<N>,
     /// The plan of the whole path.
     pub(crate) guide: Guide<N>,
+    /// Forces of the segments.
+    pub(crate) forces: Forces,
 }
 
 impl<const N: usize> Setup<N> {
@@ -136,6 +139,8 @@ impl<const N: usize> Controller<N> {
         let (plan, obstacle) = task
             .route_ahead()
             .map_or_else(|obstacle| (None, Some(obstacle)), |plan| (plan, None));
+        let forces = Forces::of(scenario);
+        let obstacle = obstacle.or_else(|| forces.impossible(&rest, model.effort(), &robot.task.0));
         let guide = Guide::new(plan, (0..).take_while(|i| path.leg(*i).is_some()).count());
         postures.stay(guide.beyond_reach());
         let targets = scenario
@@ -162,6 +167,7 @@ impl<const N: usize> Controller<N> {
             path,
             postures,
             guide,
+            forces,
         };
         Ok(Self {
             setup,

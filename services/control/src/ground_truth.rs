@@ -5,6 +5,7 @@
 //! time, the goal that depends on a singular direction, and the directions whose error is exempt follow from the truth.
 
 use crate::centre::PoseMotion;
+use crate::law::force::Forces;
 use crate::linear;
 use crate::plan::{self, kinematics::Kinematics};
 use crate::reference::free_axis;
@@ -39,6 +40,9 @@ pub trait GroundTruth: std::fmt::Debug {
     /// The desired motion of E at a place, where the clock runs at `rate`, 0 to 1; `None` in a steered run.
     fn desired(&self, place: &Progress, rate: f64) -> Option<PoseMotion>;
 
+    /// The force that the leg at a place asks for, and how the true contact answers it; `None` where it asks for none.
+    fn force(&self, place: &Progress, truth: &PlantState) -> Option<Contact>;
+
     /// The demand of the leg at this index on the posture, beside the pose, and how the true posture meets it.
     fn asked(&self, leg: usize) -> Asked;
 
@@ -61,6 +65,17 @@ pub trait GroundTruth: std::fmt::Debug {
 
     /// ½ΔΓᵀA⁻¹ΔΓ of a step ΔΓ of the torques, with A of the true posture; N²m²/(kg·m²). NaN without an inverse.
     fn response(&self, step: &[f64]) -> f64;
+}
+
+/// A force asked for, and the true one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Contact {
+    /// Set-point, N.
+    pub newtons: f64,
+    /// The force with which the hand presses in the direction asked for, N.
+    pub pressed_n: f64,
+    /// The share of the direction, 0 to 1, that lies along lost ones: the structure bears it.
+    pub borne: f64,
 }
 
 /// A leg's demand on the posture, and how the posture meets it.
@@ -110,6 +125,7 @@ struct Truth<const N: usize> {
     turned: [bool; MAX_SINGULARITIES],
     task: [bool; 6],
     length_m: f64,
+    forces: Forces,
 }
 
 impl<const N: usize> Truth<N> {
@@ -135,6 +151,7 @@ impl<const N: usize> Truth<N> {
             model,
             task: robot.task.0,
             length_m: robot.length_m,
+            forces: Forces::of(scenario),
         })
     }
 }
@@ -167,13 +184,25 @@ impl<const N: usize> GroundTruth for Truth<N> {
 
     fn advance(&self, place: &mut Progress, by_s: f64) {
         if let Some(path) = &self.path {
-            path.advance(place, by_s, &self.report);
+            let X_BE = &self.terms.X_BE;
+            self.forces.advance(path, place, by_s, &self.report, X_BE);
         }
     }
 
     fn desired(&self, place: &Progress, rate: f64) -> Option<PoseMotion> {
         let path = self.path.as_ref()?;
         Some(path.desired(place, rate, 0.0))
+    }
+
+    fn force(&self, place: &Progress, truth: &PlantState) -> Option<Contact> {
+        let R = nalgebra::Matrix3::from_column_slice(&truth.R_BE);
+        let (force, e) = self.forces.at(place.leg, &R)?;
+        let whole = linear::stack(&e, &Vector3::zeros());
+        Some(Contact {
+            newtons: force.newtons,
+            pressed_n: -e.dot(&Vector3::from(truth.contact_force_n)),
+            borne: (whole - self.orthogonal(&whole)).norm(),
+        })
     }
 
     fn asked(&self, leg: usize) -> Asked {
@@ -209,6 +238,7 @@ impl<const N: usize> GroundTruth for Truth<N> {
         let free = free_axis::free_axis(&self.task);
         let turn = free_axis::rotation_error(&desired.R, &R, free.as_ref());
         let error = linear::stack(&(desired.p - Vector3::from(truth.p_BE)), &turn);
+        let error = self.forces.across(place.leg, error, &R);
         // Times zero, not zero: a NaN stays one.
         Vector6::from_fn(|i, _| error[i] * if self.task[i] { 1.0 } else { 0.0 })
     }

@@ -51,7 +51,7 @@ mod testing;
 mod tests;
 
 pub use controller::Controller;
-pub use ground_truth::{Asked, GroundTruth, ground_truth};
+pub use ground_truth::{Asked, Contact, GroundTruth, ground_truth};
 pub use paper::type_1::SIDE_CHANGE;
 pub use plan::scenario::advice;
 pub use reference::free_axis::free_axis;

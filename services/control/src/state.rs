@@ -2,6 +2,7 @@
 
 use crate::baselines::resolved_rate::JointMemory;
 use crate::law::auxiliary::Loop;
+use crate::law::force::Pressing;
 use crate::limits::clock::Clock;
 use crate::limits::plausible::Plausible;
 use crate::limits::torque::Sent;
@@ -31,6 +32,7 @@ pub(crate) struct State<const N: usize> {
     /// Joint velocities that the path needs, rad/s.
     pub(crate) qdot_planned: SVector<f64, N>,
     pub(crate) plausible: Plausible<N>,
+    pub(crate) force: Pressing,
     /// Of a steered run.
     pub(crate) targets: TargetState<N>,
 }
@@ -53,6 +55,7 @@ impl<const N: usize> State<N> {
             sent,
             qdot_planned: SVector::zeros(),
             plausible: Plausible::unknown(),
+            force: Pressing::default(),
             targets: TargetState::at(rest.X_BE, q_start, sent),
         }
     }
@@ -69,6 +72,7 @@ impl<const N: usize> State<N> {
             sent,
             qdot_planned,
             plausible,
+            force,
             targets,
         } = self;
         *out = ControllerCheckpoint {
@@ -103,6 +107,7 @@ impl<const N: usize> State<N> {
             q_plausible: padded(&plausible.q),
             qdot_plausible: padded(&plausible.qdot),
             loops: loops.map(|one| one.checkpoint()),
+            force: force.checkpoint(),
             servo: targets.checkpoint(),
         };
     }
@@ -159,6 +164,7 @@ impl<const N: usize> State<N> {
                 q: joints(&from.q_plausible),
                 qdot: joints(&from.qdot_plausible),
             },
+            force: Pressing::restored(&from.force),
             targets: TargetState::restored(&from.servo, limits),
         }
     }

@@ -1,12 +1,12 @@
 //! One tick: state in, state out.
 //!
-//! [`Controller::step`] checks the inputs; [`tick`] is the law on a state that can be trusted, in six calls; [`Controller::rest`] brings the arm to rest
+//! [`Controller::step`] checks the inputs; [`tick`] is the law on a state that can be trusted, in seven calls; [`Controller::rest`] brings the arm to rest
 //! where there is no law to follow.
 
 use crate::centre::{AtCentre, PoseMotion};
 use crate::command;
 use crate::controller::{Controller, Setup};
-use crate::law::{self, singular_rows};
+use crate::law::{self, force, singular_rows};
 use crate::limits::plausible::{self, Plausible};
 use crate::limits::{self, Parts, clock};
 use crate::linear::is_finite;
@@ -31,6 +31,8 @@ pub struct Inputs<'a, const N: usize> {
     pub qdot: &'a SVector<f64, N>,
     /// Torque on the joints that the model does not explain, N·m; compensated where the scenario asks for it.
     pub tau_disturbance: &'a SVector<f64, N>,
+    /// Force of the surroundings on the hand by a sensor at its wrist, base axes, N; `None`: there is none.
+    pub wrist_n: Option<&'a Vector3<f64>>,
     /// The analysis of this very state.
     pub report: &'a Report<N>,
     /// The model's terms of this very state at the scenario's frame, where they have been computed already.
@@ -45,6 +47,8 @@ pub(crate) struct Now<'a, const N: usize> {
     pub(crate) q: &'a SVector<f64, N>,
     pub(crate) qdot: &'a SVector<f64, N>,
     pub(crate) tau_disturbance: &'a SVector<f64, N>,
+    /// Force of the surroundings on the hand, base axes, N; `None`: it is not measured.
+    pub(crate) wrist_n: Option<&'a Vector3<f64>>,
     pub(crate) report: &'a Report<N>,
     pub(crate) terms: &'a Terms<N>,
     /// Kinematics at C.
@@ -91,7 +95,8 @@ fn tick<const N: usize>(
     now: &Now<'_, N>,
 ) -> Result<(State<N>, Command<N>), Refusal> {
     let mut state = *before;
-    let motion = reference::motion(setup, &mut state, now);
+    let mut motion = reference::motion(setup, &mut state, now);
+    force::step(setup, &mut state, now, &mut motion)?;
     let rows = singular_rows::engaged(setup, &mut state, now, &motion)?;
     let torques = law::torques(setup, &mut state, now, &motion, &rows)?;
     let limited = limits::apply(setup, &mut state, now, &motion, &torques)?;
@@ -115,7 +120,7 @@ impl<const N: usize> Controller<N> {
             q,
             qdot,
             tau_disturbance,
-            report,
+            wrist_n,
             ..
         } = *inputs;
         let is_steered = self.targets.is_some();
@@ -124,7 +129,8 @@ impl<const N: usize> Controller<N> {
         {
             return self.refuse(q, qdot, self.state.refusal);
         }
-        if ![q, qdot, tau_disturbance].into_iter().all(is_finite) {
+        let is_felt = wrist_n.is_none_or(|force| force.iter().all(|x| x.is_finite()));
+        if ![q, qdot, tau_disturbance].into_iter().all(is_finite) || !is_felt {
             return self.refuse(q, qdot, Refusal::State);
         }
         let evaluated;
@@ -142,18 +148,20 @@ impl<const N: usize> Controller<N> {
         if is_steered {
             self.steer(inputs, terms)
         } else {
-            self.act((q, qdot), tau_disturbance, report, terms)
+            self.act(inputs, terms)
         }
     }
 
     /// The tick on an arm in a state that is plausible; while the law has refused, the arm is brought to rest.
-    pub(crate) fn act(
-        &mut self,
-        (q, qdot): (&SVector<f64, N>, &SVector<f64, N>),
-        tau_disturbance: &SVector<f64, N>,
-        report: &Report<N>,
-        terms: &Terms<N>,
-    ) -> Command<N> {
+    pub(crate) fn act(&mut self, inputs: &Inputs<'_, N>, terms: &Terms<N>) -> Command<N> {
+        let Inputs {
+            q,
+            qdot,
+            tau_disturbance,
+            wrist_n,
+            report,
+            ..
+        } = *inputs;
         if self.state.refusal != Refusal::None {
             return self.rest(Some((terms, qdot)));
         }
@@ -161,6 +169,7 @@ impl<const N: usize> Controller<N> {
             q,
             qdot,
             tau_disturbance,
+            wrist_n,
             report,
             terms,
             at: &AtCentre::new(terms, &report.p_BC, &terms.omega[N - 1]),

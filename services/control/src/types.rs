@@ -123,6 +123,8 @@ coded! {
         Parted = REFUSAL_PARTED,
         /// The checkpoint that it was restored from is damaged.
         Checkpoint = REFUSAL_CHECKPOINT,
+        /// In the direction of a force nothing was met, or not with that force.
+        Contact = REFUSAL_CONTACT,
     }
 }
 

@@ -2,12 +2,12 @@
 
 use control::{Controller, Refusal, SetupError, start_posture, wire};
 use model::{LastTerms, Model, Robot, embedded};
-use nalgebra::SVector;
+use nalgebra::{SVector, Vector3};
 use process::{Damaged, Flow, Inputs, Outputs, Port, Process, Snapshot};
 use shared_types::scenario::Scenario;
 use shared_types::{
     ControlState, ControllerCheckpoint, Header, ServoState, SingularityReport, StateEstimate,
-    Target, TorqueCommand,
+    Target, TorqueCommand, WristForce,
 };
 
 /// One arm's control law, tick by tick.
@@ -61,7 +61,9 @@ impl<const N: usize> Cycle<N> {
             estimate,
             report,
             target,
+            wrist,
         } = *read;
+        let wrist_n = wrist.map(|wrist| Vector3::from(wrist.force_n));
         let (tick, [q, qdot, tau_disturbance]) = (estimate.header.tick, self.own(estimate));
         let is_state = [&q, &qdot]
             .iter()
@@ -73,6 +75,7 @@ impl<const N: usize> Cycle<N> {
                 q: &q,
                 qdot: &qdot,
                 tau_disturbance: &tau_disturbance,
+                wrist_n: wrist_n.as_ref(),
                 report: &report,
                 terms,
                 target: target.map(|target| &target.target),
@@ -102,6 +105,8 @@ pub struct Read<'a> {
     pub report: &'a SingularityReport,
     /// The target of this tick in a steered run; `None`: none has come.
     pub target: Option<&'a Target>,
+    /// The force on the hand, where its wrist has a sensor.
+    pub wrist: Option<&'a WristForce>,
 }
 
 /// The messages of a controller, to be filled.
@@ -139,6 +144,7 @@ impl<const N: usize> Process for Cycle<N> {
         Port::of::<SingularityReport>(),
         Port::of::<StateEstimate>(),
         Port::optional::<Target>(),
+        Port::optional::<WristForce>(),
     ];
     const WRITES: &'static [Port] = &[
         Port::optional::<ServoState>(),
@@ -160,6 +166,7 @@ impl<const N: usize> Process for Cycle<N> {
                 estimate,
                 report,
                 target: inputs.get(),
+                wrist: inputs.get(),
             };
             self.control(law, &read, &mut out, last);
         }

@@ -2,11 +2,11 @@
 
 use crate::disturbance::{Disturbance, Unexplained};
 use model::{LastTerms, Model, ModelError, Robot, joints, padded};
-use nalgebra::SVector;
+use nalgebra::{SVector, Vector3};
 use process::{Damaged, Flow, Inputs, Outputs, Port, Process, Scratch, Snapshot};
 use shared_types::codes::DRIVE_BRAKED;
 use shared_types::scenario::Scenario;
-use shared_types::{EstimatorCheckpoint, Header, SensorSample, StateEstimate};
+use shared_types::{EstimatorCheckpoint, Header, SensorSample, StateEstimate, WristForce};
 
 /// A predictor–corrector observer per joint with the arm's own dynamics as its predictor.
 ///
@@ -187,12 +187,12 @@ impl<const N: usize> Snapshot for Known<N> {
 
 impl<const N: usize> Process for Cycle<N> {
     type State = Known<N>;
-    const READS: &'static [Port] = &[Port::of::<SensorSample>()];
+    const READS: &'static [Port] = &[Port::of::<SensorSample>(), Port::optional::<WristForce>()];
     const WRITES: &'static [Port] = &[Port::of::<StateEstimate>()];
 
     fn step(&self, known: &mut Known<N>, inputs: &Inputs<'_>, outputs: &mut Outputs<'_>) -> Flow {
         if let (Some(sample), Some(out)) = (inputs.get(), outputs.place()) {
-            self.estimate(known, sample, out, outputs.scratch);
+            self.estimate(known, sample, inputs.get(), out, outputs.scratch);
             outputs.has_noticed = known.rejects();
         }
         Flow::Go
@@ -205,12 +205,18 @@ impl<const N: usize> Cycle<N> {
         &self,
         known: &mut Known<N>,
         sample: &SensorSample,
+        wrist: Option<&WristForce>,
         out: &mut StateEstimate,
         scratch: &mut Scratch,
     ) {
         let last = scratch.of(|| LastTerms::of(&self.model));
         let mut measured = joints::<N>(&sample.q_encoder);
-        let tau = joints(&sample.tau_drive);
+        let mut tau = joints(&sample.tau_drive);
+        // What the sensor feels is no disturbance.
+        if let (Some(wrist), Some(state)) = (wrist, &known.0) {
+            let J = &last.at(&self.model, &state.q, &state.qdot).J;
+            tau += J.fixed_rows::<3>(0).tr_mul(&Vector3::from(wrist.force_n));
+        }
         let tick = sample.header.tick;
         let elapsed = known.elapsed(tick) * self.T;
         let mut predicted = match &known.0 {
@@ -416,7 +422,7 @@ mod tests {
             known,
             scratch,
         } = estimator;
-        cycle.estimate(known, sample, &mut estimate, scratch);
+        cycle.estimate(known, sample, None, &mut estimate, scratch);
         assert!(estimate.is_finite(), "{estimate:?}");
         estimate
     }

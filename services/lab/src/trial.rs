@@ -22,7 +22,7 @@ use session::{Failure, load};
 use shared_types::graph::Graph;
 use shared_types::job::{Job, Mode};
 use shared_types::scenario::{Scenario, Strategy};
-use shared_types::topics::{self, COUNT, Each, STEERED, Topic};
+use shared_types::topics::{self, COUNT, Each, Topic};
 
 use crate::folder::scratch;
 use crate::row::Row;
@@ -79,7 +79,7 @@ impl<'a> Trial<'a> {
             robot, scenario, ..
         } = self;
         let mut hashes = Hashes::default();
-        let is_sent = |topic: &str| scenario.servo.is_some() || !STEERED.contains(&topic);
+        let is_sent = |topic: &str| scenario.sends(topic);
         let verdict = if chain::plans_faults_of_processes(scenario) {
             let mut judge = Judge::new(robot, scenario)?;
             let ended = self.assemble(&mut hashes, |row| {
@@ -123,7 +123,7 @@ impl<'a> Trial<'a> {
         hashes: &mut Hashes,
         each: impl FnMut(&recorder::Row),
     ) -> Result<Option<String>, Refused> {
-        let is_sent = |topic: &str| self.scenario.servo.is_some() || !STEERED.contains(&topic);
+        let is_sent = |topic: &str| self.scenario.sends(topic);
         let contents = Contents::of_topics(0, self.scenario.rate_hz, is_sent);
         let mut assembled = Assembled {
             hashes,

@@ -2,15 +2,15 @@
 
 use bytemuck::{bytes_of, pod_read_unaligned};
 use model::{ArmMotion, Model, ModelError, PostureError, Robot, embedded, joints, padded, stack};
-use nalgebra::SVector;
+use nalgebra::{SVector, Vector3};
 use process::{CUT_TICKS, Damaged, Flow, Inputs, Outputs, Port, Process, Snapshot};
 use shared_types::checkpoints::PlantCheckpoint;
 use shared_types::codes::DRIVE_DIVERGED;
 use shared_types::fault::ScheduledFault;
 use shared_types::scenario::{Push, Scenario};
 use shared_types::task_end::TaskEnd;
-use shared_types::{Header, Layout, PlantState, SensorSample, TorqueCommand};
-use sim::{Drive, Encoders, Plant, PlantError};
+use shared_types::{Header, Layout, PlantState, SensorSample, TorqueCommand, WristForce};
+use sim::{Drive, Encoders, Plant, PlantError, gaussians};
 
 use crate::hardware_faults::HardwareFaults;
 
@@ -31,6 +31,9 @@ pub enum SetupError {
 /// The part of the plant that never changes: its encoders, and the size of its arm.
 pub struct Cycle<const N: usize> {
     encoders: Encoders<N>,
+    /// Standard deviation of the wrist sensor's noise, N, and its seed.
+    wrist_noise_n: f64,
+    wrist_seed: u64,
     /// Number of the arm's joints; further entries of a command are ignored.
     dof: usize,
     /// The pushes on the hand, and the length of a tick, s.
@@ -74,6 +77,9 @@ impl<const N: usize> Cycle<N> {
                 options.encoder_noise_counts,
                 scenario.seed,
             ),
+            wrist_noise_n: options.wrist_noise_n,
+            // Not the encoders' numbers.
+            wrist_seed: !scenario.seed,
             dof: robot.dof(),
             push: options.push.clone(),
             dt_s: scenario.dt_s(),
@@ -142,6 +148,18 @@ impl<const N: usize> Cycle<N> {
             drive_flags: applied.flags,
             refused: drive.refused(),
         };
+    }
+
+    /// The wrist's sensor at `tick`: the force on the hand, with noise that is a function of the seed and the tick.
+    fn feel(&self, world: &World<N>, tick: u64) -> WristForce {
+        let noise = Vector3::from(gaussians::<3>(self.wrist_seed, tick)) * self.wrist_noise_n;
+        WristForce {
+            header: Header {
+                tick,
+                ..Header::default()
+            },
+            force_n: (world.plant.pressed() + noise).into(),
+        }
     }
 
     /// Takes up the faults that concern `tick`, before its sample.
@@ -254,7 +272,11 @@ impl<const N: usize> Snapshot for World<N> {
 impl<const N: usize> Process for Cycle<N> {
     type State = World<N>;
     const READS: &'static [Port] = &[Port::of::<TorqueCommand>()];
-    const WRITES: &'static [Port] = &[Port::of::<SensorSample>(), Port::of::<PlantState>()];
+    const WRITES: &'static [Port] = &[
+        Port::of::<SensorSample>(),
+        Port::of::<PlantState>(),
+        Port::optional::<WristForce>(),
+    ];
 
     /// The torque of the tick before acts until this tick, at which the sensors are read.
     fn step(&self, world: &mut World<N>, inputs: &Inputs<'_>, outputs: &mut Outputs<'_>) -> Flow {
@@ -274,6 +296,9 @@ impl<const N: usize> Process for Cycle<N> {
         }
         if let (Some(sample), Some(truth)) = (outputs.place(), outputs.place()) {
             self.sample(world, inputs.tick, sample, truth);
+        }
+        if let Some(wrist) = outputs.place() {
+            *wrist = self.feel(world, inputs.tick);
         }
         Flow::Go
     }

@@ -3,6 +3,7 @@
 
 mod bars;
 mod chatter;
+mod force;
 mod histogram;
 mod joints;
 mod latency;
@@ -18,15 +19,16 @@ mod turns;
 
 use control::{GroundTruth, free_axis, ground_truth};
 use model::{Refused, Robot};
-use shared_types::SensorSample;
 use shared_types::bounds::{larger, within};
 use shared_types::codes;
 use shared_types::graph::Graph;
 use shared_types::scenario::{Goal, Scenario};
 use shared_types::summary::{BOUNDARY, MISSED, Pace, REACHED, Summary, TaskSummary};
+use shared_types::{SensorSample, WristForce};
 
 pub use bars::Bounds;
 use chatter::Clock;
+use force::ForceMeter;
 use joints::JointMeter;
 use latency::{Chain, LatencyMeter};
 use path::PathMeter;
@@ -62,6 +64,7 @@ pub struct Judge {
     singularities: SingularityMeter,
     turns: TurnMeter,
     steered: SteeredMeter,
+    force: ForceMeter,
     latency: LatencyMeter,
     events: Vec<(u64, String)>,
     /// Whether the controller has reported a goal beyond reach, and whether the errors of the newest tick are along ζ alone.
@@ -134,6 +137,7 @@ impl Judge {
             singularities: SingularityMeter::default(),
             turns: TurnMeter::default(),
             steered: SteeredMeter::default(),
+            force: ForceMeter::default(),
             latency: LatencyMeter::new(Chain::default()),
             events: Vec::new(),
             clipped: false,
@@ -185,7 +189,16 @@ impl Judge {
             tick.truth,
             bound_mm,
         );
-        self.task.touch(tick.truth);
+        if let Some(place) = self.path.place() {
+            // One of this tick: without a sensor the place of its message is empty.
+            let is_of_now = |wrist: &WristForce| k > 0 && wrist.header.tick == k;
+            let felt = (tick.truth, tick.wrist.is_some_and(is_of_now));
+            let dt_s = 1.0 / self.rate_hz;
+            self.force.tick(truth, &place, felt, &error, dt_s);
+        }
+        if !self.force.has_begun {
+            self.task.touch(tick.truth);
+        }
         let clock = Clock {
             tick: k,
             rate_hz: self.rate_hz,
@@ -262,6 +275,17 @@ impl Judge {
             }
             _ => ("stopped", stopped),
         };
+        let force = self.force.finish();
+        let unkept = force
+            .as_ref()
+            .and_then(|force| force::unkept(force, &self.goal));
+        let outcome = match unkept {
+            Some(why) if completed => {
+                reason = format!("{why}; {reason}");
+                MISSED
+            }
+            _ => outcome,
+        };
         let singularities = &self.singularities;
         let is_orthogonal_missed = completed && !is_orthogonal_kept(&task, &self.goal);
         task.causes = causes(singularities, is_orthogonal_missed, beyond);
@@ -293,6 +317,7 @@ impl Judge {
             singularities,
             turns: self.turns.finish(),
             modes,
+            force,
             servo: self.steered.finish(self.rate_hz),
             latency_us: self.latency.summary(),
             ..Summary::default()

@@ -11,6 +11,7 @@ use shared_types::job::{Job, Mode};
 use shared_types::process::Program;
 use shared_types::scenario::{Mount, Scenario, Start};
 use shared_types::target_file::{self, InvalidRow};
+use shared_types::topics::PRESSING;
 use sim::scenarios;
 
 use crate::arm_faults;
@@ -421,15 +422,22 @@ fn from_base(mut source: RobotText, base: &str) -> Result<Robot, RobotError> {
     Robot::from_source(&source)
 }
 
-/// The process graph of a scenario: the user's, or the built-in one, which for a steered run has an operator.
+/// The process graph of a scenario: the user's, or the built-in one, which fits the scenario.
 ///
 /// # Errors
 /// See [`graph`].
 pub fn graph_of(scenario: &Scenario, file: Option<&Path>) -> Result<Graph, Failure> {
-    match scenario.servo {
-        Some(_) if file.is_none() => Ok(Graph::built_in(true)?),
-        _ => graph(file),
+    let graph = match file {
+        None => Graph::of(scenario)?,
+        Some(_) => graph(file)?,
+    };
+    if scenario.has_wrist_sensor() && graph.writer(PRESSING).is_none() {
+        return Err(Failure::Input(format!(
+            "{} controls a force by a sensor at the wrist, and no process of the graph writes `{PRESSING}`: extend the graph \"force\", or set plant.wrist_sensor = false",
+            scenario.name
+        )));
     }
+    Ok(graph)
 }
 
 /// The process graph: the user's, or the built-in one.

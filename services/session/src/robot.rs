@@ -25,6 +25,12 @@ pub fn mode_of(plant: Option<&str>) -> Mode {
 /// # Errors
 /// [`Failure::Input`] if `plant` is neither, it cannot be had, or another program makes the ticks.
 pub(crate) fn put_in(loaded: &mut Loaded, plant: &str) -> Result<(), Failure> {
+    let scenario = &loaded.scenario;
+    if scenario.presses() || !scenario.plant.surface.is_empty() {
+        return Err(Failure::Input(format!(
+            "--plant {plant}: only armplane's own plant has surfaces and a sensor at the wrist; leave out --plant, or `force` and `plant.surface`"
+        )));
+    }
     let mut processes = loaded.graph.process.iter_mut();
     let world = processes.find(|process| process.role() == Role::World);
     let world = world.filter(|process| !process.is_of_others());
@@ -51,7 +57,7 @@ pub fn simulated(plant: &str, robot: &Robot, scenario: &Scenario) -> Result<Grap
     let mut loaded = Loaded {
         scenario: scenario.clone(),
         robot: robot.clone(),
-        graph: Graph::built_in(scenario.servo.is_some())?,
+        graph: Graph::of(scenario)?,
     };
     put_in(&mut loaded, plant)?;
     check_mode(&loaded.graph, Mode::Lockstep)?;

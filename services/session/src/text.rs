@@ -3,7 +3,7 @@
 use std::fmt;
 use std::path::Path;
 
-use shared_types::summary::{ServoSummary, Summary};
+use shared_types::summary::{ForceSummary, ServoSummary, Summary};
 use viz::RECORDING;
 use viz::digits;
 
@@ -52,6 +52,9 @@ impl fmt::Display for RunText<'_> {
         if summary.ticks > 0 {
             errors(f, summary)?;
             loads(f, summary, is_long)?;
+            if let Some(force) = &summary.force {
+                pressed(f, force)?;
+            }
             if let Some(servo) = &summary.servo {
                 steered(f, servo)?;
             }
@@ -189,6 +192,19 @@ fn faults(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
         writeln!(f, "fault      {} ({}){course}", fault.detail, fault.origin)?;
     }
     Ok(())
+}
+
+fn pressed(f: &mut fmt::Formatter<'_>, force: &ForceSummary) -> fmt::Result {
+    writeln!(
+        f,
+        "force      {} N by {}: off by {} N in the root mean square, {} at most; impact {} N; {} without contact",
+        digits(force.newtons),
+        force.source,
+        digits(force.rms_n),
+        digits(force.error_max_n),
+        digits(force.impact_max_n),
+        count(force.lift_off_ticks, "tick")
+    )
 }
 
 /// The longest of the stated reasons first.

@@ -6,9 +6,13 @@ pub const BUILT_IN: &str = include_str!("../../graph.toml");
 /// The built-in graph of a steered run.
 pub const STEERED: &str = include_str!("../../servo.toml");
 
+/// The built-in graph of a run that controls a force.
+pub const PRESSING: &str = include_str!("../../force.toml");
+
 /// The names of the built-in graphs where another one extends them.
 pub(super) const BUILT_IN_NAME: &str = "armplane";
 pub(super) const STEERED_NAME: &str = "servo";
+pub(super) const PRESSING_NAME: &str = "force";
 
 /// In `reads`: all topics that others write.
 pub(super) const EVERYTHING: &str = "*";

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::force::Surface;
 use super::mount::{Payload, Push};
 use crate::file::{Complaint, positive, require, within};
 
@@ -37,6 +38,14 @@ pub struct Plant {
     pub self_collision: bool,
     /// Ticks for which the drives hold the last torque when none arrives. Then they brake the arm.
     pub hold_ticks: u32,
+    /// A sensor at the wrist measures the force on the hand. `false`: it is estimated from the
+    /// joints' disturbance torques.
+    pub wrist_sensor: bool,
+    /// Standard deviation of that sensor's noise, per axis; N.
+    pub wrist_noise_n: f64,
+    /// Surfaces that the hand can touch with the point that it is seen at.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub surface: Vec<Surface>,
 }
 
 /// A height, or the word `"none"`: TOML has no null, and a floor left out is the default one.
@@ -98,6 +107,9 @@ impl Default for Plant {
             floor_m: Some(-0.67183),
             self_collision: false,
             hold_ticks: 3,
+            wrist_sensor: true,
+            wrist_noise_n: 0.1,
+            surface: Vec::new(),
         }
     }
 }
@@ -155,7 +167,19 @@ impl Plant {
             "plant.floor_m",
             "the floor's height is not a number",
             "metres in the base frame",
-        )
+        )?;
+        let message = format!("noise of {} N", self.wrist_noise_n);
+        within(
+            "plant.wrist_noise_n",
+            self.wrist_noise_n,
+            0.0..=1e3,
+            message,
+        )?;
+        let mut surfaces = self.surface.iter().enumerate();
+        surfaces.try_for_each(|(i, surface)| {
+            let located = |complaint: Complaint| complaint.within(&format!("plant.surface.{i}"));
+            surface.check().map_err(located)
+        })
     }
 }
 

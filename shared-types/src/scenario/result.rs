@@ -16,6 +16,8 @@ pub struct Goal {
     pub orthogonal_mm: f64,
     /// Largest orientation error orthogonal to ζ while moving; degrees.
     pub orthogonal_deg: f64,
+    /// Root mean square of the error of a force, where segments ask for one; N.
+    pub force_n: f64,
     /// Distance by which the planner may leave the path to pass a singularity; mm.
     pub path_mm: f64,
     /// Angle by which the planner may leave the path to pass a singularity; degrees.
@@ -29,6 +31,7 @@ impl Default for Goal {
             orientation_deg: 0.5,
             orthogonal_mm: 1.0,
             orthogonal_deg: 0.5,
+            force_n: 1.0,
             path_mm: 1.0,
             path_deg: 0.5,
         }
@@ -75,6 +78,7 @@ impl Goal {
             ("orientation_deg", self.orientation_deg),
             ("orthogonal_mm", self.orthogonal_mm),
             ("orthogonal_deg", self.orthogonal_deg),
+            ("force_n", self.force_n),
             ("path_mm", self.path_mm),
             ("path_deg", self.path_deg),
         ];

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::curve::{AXES, Arc, Axis, Points, Table, is_near, is_rotation};
+use super::force::Force;
 use crate::file::{Complaint, require};
 
 /// The start posture, by exactly one of these keys.
@@ -67,6 +68,9 @@ pub struct Segment {
     /// Turn a singular direction by null-space motion while the hand stands still.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reorient: Option<Reorient>,
+    /// A force that the hand keeps along one direction meanwhile; the path does not move it that way.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub force: Option<Force>,
     /// Posture to which a redundant arm's null space is drawn meanwhile, if all joints rotate;
     /// degrees. Default: the start posture.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -180,6 +184,7 @@ impl Segment {
             .and_then(|()| self.check_curve())
             .and_then(|()| self.check_rotation())
             .and_then(|()| self.check_directions())
+            .and_then(|()| self.force.as_ref().map_or(Ok(()), Force::check))
             .map_err(located)
     }
 

@@ -23,7 +23,11 @@ pub(super) struct Columns(Vec<Quantity>);
 impl Columns {
     /// Those of a run with these singularities.
     pub(super) fn new(facts: &Facts, singularities: &[String]) -> (Self, Schema) {
-        let is_steered = facts.job.scenario.servo.is_some();
+        let scenario = &facts.job.scenario;
+        let is_missing = |name: &str| {
+            name.starts_with("servo:") && scenario.servo.is_none()
+                || name.starts_with("force:") && !scenario.has_wrist_sensor()
+        };
         let units: Vec<_> = facts.joint_units.split(' ').collect();
         let mut fields = vec![
             field("tick", "1", "Tick of the run", DataType::Int64, false),
@@ -38,7 +42,7 @@ impl Columns {
         let mut quantities = Vec::new();
         for signal in Signal::ALL.iter().copied() {
             let of = signal.of();
-            if of.kept == Kept::Drawn || (of.name.starts_with("servo:") && !is_steered) {
+            if of.kept == Kept::Drawn || is_missing(of.name) {
                 continue;
             }
             let elements = signal.elements(units.len(), singularities);

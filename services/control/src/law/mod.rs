@@ -19,6 +19,7 @@
 //! ```text
 //! kept:       e_kᵀJ                                      = e_kᵀ(a* − J̇q̇)         e_k ⊥ ζ_i
 //! singular:   β_i·ζ_iᵀJ/g_i + (1 − β_i)·∂x_i/∂q           = β_i·ζ_iᵀ(a* − J̇q̇)/g_i + (1 − β_i)·ẍ_i
+//! force:      eᵀJ                                        = eᵀ(a_f − J̇q̇)        in the place of the path's part of a*: [`force`]
 //! ```
 //!
 //! **Solve.** With J̄ = A⁻¹JᵀΛ of these rows (Eq. 4), r their right-hand sides and Γ₀ = −A[∇V₀ + k_vq q̇] (Eq. 5), Γ = JᵀΛr + [1 − JᵀJ̄ᵀ]Γ₀
@@ -39,6 +40,7 @@
 //! the kept ones. The other strategies are laws of others: [`baselines`](crate::baselines).
 
 pub mod auxiliary;
+pub(crate) mod force;
 pub(crate) mod singular_rows;
 
 use crate::baselines::{self, hold_and_blend, resolved_rate};

@@ -158,7 +158,8 @@ pub(crate) fn step<const N: usize>(
             state.clock.slow_down(1.0 / DOWN, dt);
         }
     }
-    pass(setup, state, clock);
+    let waits = state.force.waits();
+    pass(setup, state, if waits { 0.0 } else { clock });
 }
 
 /// Time that goes on by a tick at the speed `clock`, on the plan, on the path and in its leg.

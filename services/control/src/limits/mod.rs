@@ -64,6 +64,9 @@ pub(crate) fn apply<const N: usize>(
             .map_err(|_| Refusal::Singular)?;
     }
     let mut bias = now.terms.bias();
+    if let Some(bearing) = state.force.bearing(now.terms) {
+        bias += bearing;
+    }
     if control.compensate_disturbance {
         bias = setup.drives.compensating(bias, now.tau_disturbance);
     }

@@ -52,7 +52,10 @@ pub(crate) fn motion<const N: usize>(
     now: &Now<'_, N>,
 ) -> Motion<N> {
     let (path, guide, before) = (&setup.path, &setup.guide, state.progress.leg);
-    path.advance(&mut state.progress, 0.0, now.report);
+    let X_BE = &now.terms.X_BE;
+    setup
+        .forces
+        .advance(path, &mut state.progress, 0.0, now.report, X_BE);
     if state.progress.leg != before {
         state.turn = Turn::none();
     }
@@ -76,6 +79,9 @@ pub(crate) fn motion<const N: usize>(
         a: on_path.a + state.targets.a * clock,
         ..on_path
     });
+    let desired_E = setup
+        .forces
+        .freed(state.progress.leg, desired_E, now.terms, now.qdot);
     let turn_error = rotation_error(&desired_E.R, &now.terms.X_BE.R, free.as_ref());
     let desired = desired_E.at(now.p_EC);
     let at_C = [stack(&(desired.p - now.at.p), &turn_error), desired.V - V];
@@ -163,6 +169,7 @@ mod tests {
             q: &q,
             qdot: &zero,
             tau_disturbance: &zero,
+            wrist_n: None,
             report: &report,
             terms: &terms,
             at: &AtCentre::new(&terms, &report.p_BC, &Vector3::zeros()),

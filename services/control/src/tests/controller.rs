@@ -20,6 +20,7 @@ fn step(
         q,
         qdot,
         tau_disturbance: &SVector::zeros(),
+        wrist_n: None,
         report,
         terms,
         target: None,

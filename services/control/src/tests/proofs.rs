@@ -2,13 +2,15 @@
 
 use crate::centre::AtCentre;
 use crate::law::auxiliary::LEFT;
+use crate::law::force::Pressing;
 use crate::law::{self, Engaged, Problem, Rows};
+use crate::linear::{linear, stack};
 use crate::paper::singular_frame::orthogonal_rows;
 use crate::singularity::analyzer::Analyzer;
 use crate::testing::{PumaLengths, posture, puma, puma_lengths, robot};
 use crate::types::Report;
 use model::{Model, Terms};
-use nalgebra::{DMatrix, DVector, Vector6};
+use nalgebra::{DMatrix, DVector, Vector3, Vector6};
 use proptest::prelude::*;
 use shared_types::random::Uniform;
 use shared_types::scenario::Analysis;
@@ -305,4 +307,44 @@ fn outside_every_neighbourhood_one_solve_is_operational_space_control() {
         checked += 1;
     }
     assert!(checked > 900, "{checked} postures");
+}
+
+/// What the force asks for along e accelerates the hand along e, as far as rows are kept, in no other row, and no auxiliary coordinate; and what bears a
+/// contact keeps it from moving the arm.
+#[test]
+fn force_and_motion_are_decoupled() {
+    let mut random = Uniform(7);
+    let (mut kept_least, mut largest) = (1.0_f64, 0.0_f64);
+    for k in 0..2000 {
+        let met = Met::new(&at_locks(&mut random, k % 8), moving(&mut random));
+        let engaged = engaged(&met.report, 0.0);
+        let F = linear(&moving(&mut random)) * 20.0;
+        // Along a lost translation now and then.
+        let lost = engaged.iter().map(|one| linear(&one.zeta_B));
+        let e = lost
+            .filter(|zeta| k % 16 > 7 && zeta.norm() > 0.5)
+            .fold(F, |_, zeta| zeta)
+            .normalize();
+        let A_inverse = met.terms.A.try_inverse().unwrap();
+        let mut problem = met.problem();
+        let before = law::solve(&problem, &engaged).unwrap().parts.sum();
+        problem.a += stack(&(e * 3.0), &Vector3::zeros());
+        let pressing = law::solve(&problem, &engaged).unwrap().parts.sum();
+        let bearing = Pressing::touching(F).bearing(&met.terms).unwrap();
+        let contact = met.terms.J.fixed_rows::<3>(0).tr_mul(&F);
+        let change = A_inverse * (pressing + bearing + contact - before);
+        let kept = orthogonal_rows::<6>(&problem.task, &engaged).unwrap();
+        let asked = DVector::from_fn(kept.len(), |i, _| 3.0 * linear(&kept[i]).dot(&e));
+        let moved = DVector::from_fn(kept.len(), |i, _| kept[i].dot(&(met.at.J * change)));
+        kept_least = kept_least.min(asked.norm());
+        largest = largest.max((moved - asked).amax());
+        for one in &engaged {
+            largest = largest.max(one.aux_row.dot(&change).abs());
+        }
+    }
+    println!("largest coupling {largest:e}, least share of e kept {kept_least:e}");
+    assert!(
+        largest < 1e-10 && kept_least < 1e-6,
+        "{largest:e} {kept_least:e}"
+    );
 }

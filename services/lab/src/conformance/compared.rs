@@ -15,7 +15,7 @@ use shared_types::job::Job;
 use shared_types::layout::MessageLayout;
 use shared_types::scenario::Scenario;
 use shared_types::summary::{Summary, TopicSummary};
-use shared_types::topics::{STEERED, TOPICS, Topic};
+use shared_types::topics::{TOPICS, Topic};
 
 use super::difference::{Difference, first_difference};
 use crate::signals::Background;
@@ -96,8 +96,8 @@ pub(super) fn on_one_thread(robot: &Robot, scenario: &Scenario) -> Result<Ran, F
     let (began, mut hashes) = (Instant::now(), Hashes::default());
     let ended = chain::run_under_faults(robot, scenario, &mut hashes).map_err(Failure::input)?;
     let ticks = hashes.0[0].count();
-    let has = |topic: &str| scenario.servo.is_some() || !STEERED.contains(&topic);
-    let topics = TOPICS.iter().zip(&hashes.0).filter(|(topic, _)| has(topic));
+    let topics = TOPICS.iter().zip(&hashes.0);
+    let topics = topics.filter(|(topic, _)| scenario.sends(topic));
     Ok(Ran {
         condition: "one thread, no shared memory".to_owned(),
         ticks,

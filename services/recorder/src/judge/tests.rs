@@ -1,7 +1,7 @@
 //! Verdicts on made-up runs.
 
 use control::centre::PoseMotion;
-use control::{Asked, GroundTruth, Progress};
+use control::{Asked, Contact, GroundTruth, Progress};
 use nalgebra::Vector6;
 use shared_types::codes;
 use shared_types::scenario::Goal;
@@ -46,6 +46,9 @@ impl GroundTruth for Reported {
     }
     fn advance(&self, _: &mut Progress, _: f64) {}
     fn desired(&self, _: &Progress, _: f64) -> Option<PoseMotion> {
+        None
+    }
+    fn force(&self, _: &Progress, _: &PlantState) -> Option<Contact> {
         None
     }
     fn asked(&self, _: usize) -> Asked {

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use shared_types::topics::{ByTopic, Lent};
 use shared_types::{
     ControlState, PlantState, SensorSample, ServoState, SingularityReport, StateEstimate,
-    TorqueCommand,
+    TorqueCommand, WristForce,
 };
 
 /// One tick, whole: a message of each topic.
@@ -24,6 +24,8 @@ pub struct Tick<'a> {
     pub torque: &'a TorqueCommand,
     /// From the controller, in a steered run.
     pub servo: Option<&'a ServoState>,
+    /// From the plant, where a force is controlled by it.
+    pub wrist: Option<&'a WristForce>,
 }
 
 impl<'a> Tick<'a> {
@@ -37,6 +39,7 @@ impl<'a> Tick<'a> {
             control: messages.control_state?,
             torque: messages.torque?,
             servo: messages.servo_state,
+            wrist: messages.wrist_force,
         })
     }
 }

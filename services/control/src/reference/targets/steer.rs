@@ -87,7 +87,15 @@ impl<const N: usize> Controller<N> {
         let asked = self
             .state
             .intake(&self.setup, session, &reference, &listed, behind);
-        let mut command = self.move_reference((&q_r, &qdot_r), &asked.wish, &listed, &reference);
+        let at_reference = Inputs {
+            q: &q_r,
+            qdot: &qdot_r,
+            tau_disturbance: &SVector::zeros(),
+            wrist_n: None,
+            report: &listed,
+            ..*inputs
+        };
+        let mut command = self.move_reference(&at_reference, &asked.wish, &reference);
         if self.state.refusal != Refusal::None && !goes_on(self.state.refusal) {
             return self.refuse(inputs.q, inputs.qdot, self.state.refusal);
         }
@@ -124,9 +132,8 @@ impl<const N: usize> Controller<N> {
     /// The torque of the reference arm: by the law, or joint by joint.
     fn move_reference(
         &mut self,
-        moves: (&SVector<f64, N>, &SVector<f64, N>),
+        inputs: &Inputs<'_, N>,
         wish: &Wish,
-        listed: &Report<N>,
         reference: &Terms<N>,
     ) -> Command<N> {
         // From here to the exchange back, the torque sent is that of the reference arm.
@@ -144,7 +151,7 @@ impl<const N: usize> Controller<N> {
                 ..command::resting(&self.state, &limited)
             }
         } else {
-            self.act(moves, &SVector::zeros(), listed, reference)
+            self.act(inputs, reference)
         };
         std::mem::swap(&mut self.state.sent, &mut self.state.targets.sent);
         command

@@ -1,0 +1,501 @@
+//! Forces of the hand: along one direction the force is controlled, in all others the motion (+).
+//!
+//! Along the unit vector e the hand presses with the measured force f = −eᵀF; f_s is the set-point, which rises within a ramp, k the surface's stiffness.
+//!
+//! ```text
+//! δ̂' = ẋ_e − v̂ + 2ω_o(f/k − δ̂),   v̂' = −ω_o²(f/k − δ̂)        v̂: speed at which the surface gives way or slopes
+//! v   = ½ω(f_s − f)/k + ω_i∫½ω(f_s − f)/k dt                   within ± the speed of the approach; before a contact that speed
+//! a*·e = 2ω(v + v̂ − ẋ_e)                                        in the place of the path's
+//! Γ  += −JᵀF                                                     bears the contact
+//! ```
+//!
+//! So a force error is an error of depth with a critically damped answer, whatever the hand weighs in this posture. The contact is borne at once; therefore
+//! it moves the hand in no direction, and a* of the kept rows (Eq. 3) is what accelerates it: neither does a force error move the hand across e nor a motion
+//! across e press (test `force_and_motion_are_decoupled`). Of e along a lost direction ζ nothing is kept: it needs no motion, and the structure bears it.
+//!
+//! The estimator knows F too, so the disturbance torque that is compensated is friction and a wrong mass alone. Without a sensor at the wrist that torque
+//! contains the contact, and its compensation bears it.
+
+use crate::centre::PoseMotion;
+use crate::controller::Setup;
+use crate::linear::{angular, linear, stack};
+use crate::paper::operational_space::Cholesky;
+use crate::reference::path::{Path, Progress};
+use crate::state::State;
+use crate::tick::{Motion, Now};
+use crate::types::{Refusal, Report};
+use model::{Pose, Terms};
+use nalgebra::{Matrix3, SVector, Vector3, Vector6};
+use shared_types::checkpoints::ForceCheckpoint;
+use shared_types::scenario::{Force, Scenario};
+
+/// With a sensor.
+const BY_SENSOR: Tuning = Tuning {
+    omega: 40.0,
+    omega_o: 150.0,
+    felt_s: 0.004,
+};
+/// With the observer's force, which comes later and is noisier.
+const BY_OBSERVER: Tuning = Tuning {
+    omega: 10.0,
+    omega_o: 30.0,
+    felt_s: 0.1,
+};
+/// ω_i, 1/s.
+const INTEGRAL: f64 = 5.0;
+/// Share of the force from which on there is a contact, and the least such force, N.
+const TOUCH: (f64, f64) = (0.1, 0.7);
+/// Share of the force within which it counts as reached, and for how long, s.
+const REACHED: (f64, f64) = (0.1, 0.05);
+/// How long the force is away before a contact is lost, s.
+const LOST_S: f64 = 0.02;
+/// How long a segment waits for its force, s.
+const PATIENCE_S: f64 = 10.0;
+/// Share of an axis that an arm need not serve.
+const UNSERVED: f64 = 1e-3;
+/// Least mobility along e with which a force is told from a disturbance, 1/kg.
+const MOBILITY: f64 = 1e-6;
+
+/// The forces of a scenario, by segment.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Forces(Vec<Option<Wanted>>);
+
+/// A force, its direction, and whether that is in the hand's axes.
+type Wanted = (Force, Vector3<f64>, bool);
+
+/// How far a segment's force is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Stage {
+    /// Nothing was met yet.
+    #[default]
+    Seeking,
+    /// In contact; the path waits for the force.
+    Rising,
+    /// The path goes on.
+    Moving,
+    /// The same, but the contact is lost.
+    Lost,
+}
+
+const STAGES: [Stage; 4] = [Stage::Seeking, Stage::Rising, Stage::Moving, Stage::Lost];
+
+/// What is remembered of a force from tick to tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Pressing {
+    /// 1 + index of the segment.
+    leg: usize,
+    stage: Stage,
+    set_n: f64,
+    /// Of the force error, as a speed; m/s.
+    integral: f64,
+    /// δ̂, m.
+    depth_m: f64,
+    felt_n: f64,
+    /// The newest force of the wrist's sensor, base axes; N.
+    wrist_n: Vector3<f64>,
+    /// v̂, m/s.
+    surface_speed: f64,
+    /// Place along e from which a surface is looked for, m.
+    from_m: f64,
+    waited_s: f64,
+    lasted_s: f64,
+}
+
+/// How quickly a force is answered.
+#[derive(Clone, Copy, Debug)]
+struct Tuning {
+    /// ω, 1/s.
+    omega: f64,
+    /// ω_o, 1/s.
+    omega_o: f64,
+    /// Time constant of the force by which a contact is told, s.
+    felt_s: f64,
+}
+
+/// What is measured along e at a tick.
+#[derive(Clone, Copy, Debug)]
+struct Felt {
+    force_n: f64,
+    speed: f64,
+    place_m: f64,
+}
+
+impl Forces {
+    /// Those of a scenario.
+    pub(crate) fn of(scenario: &Scenario) -> Self {
+        let force = |force: &Force| {
+            let (axis, of_tool) = force.direction()?;
+            Some((force.clone(), axis.into(), of_tool))
+        };
+        let segments = scenario.segment.iter();
+        Self(
+            segments
+                .map(|one| one.force.as_ref().and_then(force))
+                .collect(),
+        )
+    }
+
+    /// The force of a leg, and its direction for a hand that is turned by `R_BE`.
+    pub(crate) fn at(&self, leg: usize, R_BE: &Matrix3<f64>) -> Option<(&Force, Vector3<f64>)> {
+        let (force, axis, of_tool) = self.0.get(leg)?.as_ref()?;
+        Some((force, if *of_tool { R_BE * axis } else { *axis }))
+    }
+
+    /// Moves on by `dt_s` on the path. A leg after one with a force begins where the surface has left the hand.
+    pub(crate) fn advance<const N: usize>(
+        &self,
+        path: &Path,
+        progress: &mut Progress,
+        dt_s: f64,
+        report: &Report<N>,
+        X_BE: &Pose,
+    ) {
+        let before = progress.leg;
+        path.advance(progress, dt_s, report);
+        if let Some((_, e)) = self.at(before, &X_BE.R)
+            && progress.leg != before
+        {
+            progress.start.p += e * e.dot(&(X_BE.p - progress.start.p));
+            // Its goal may be a place.
+            progress.begun = false;
+            path.advance(progress, 0.0, report);
+        }
+    }
+
+    /// The desired motion of E with the surface's motion along e in place of the path's.
+    pub(crate) fn freed<const N: usize>(
+        &self,
+        leg: usize,
+        desired: PoseMotion,
+        terms: &Terms<N>,
+        qdot: &SVector<f64, N>,
+    ) -> PoseMotion {
+        let Some((_, e)) = self.at(leg, &terms.X_BE.R) else {
+            return desired;
+        };
+        let along = |x: Vector3<f64>| stack(&(e * e.dot(&x)), &Vector3::zeros());
+        let V = terms.J * qdot;
+        PoseMotion {
+            p: desired.p + e * e.dot(&(terms.X_BE.p - desired.p)),
+            V: desired.V + along(linear(&(V - desired.V))),
+            a: desired.a - along(linear(&desired.a)),
+            ..desired
+        }
+    }
+
+    /// The share of a pose error that is the path's: not that along e.
+    pub(crate) fn across(
+        &self,
+        leg: usize,
+        error: Vector6<f64>,
+        R_BE: &Matrix3<f64>,
+    ) -> Vector6<f64> {
+        match self.at(leg, R_BE) {
+            Some((_, e)) => stack(
+                &(linear(&error) - e * e.dot(&linear(&error))),
+                &angular(&error),
+            ),
+            None => error,
+        }
+    }
+
+    /// A force that the arm cannot exert in this posture, in words: along an axis that its task does not serve, or stronger than the joints hold beside the
+    /// arm's weight.
+    pub(crate) fn impossible<const N: usize>(
+        &self,
+        terms: &Terms<N>,
+        effort: &SVector<f64, N>,
+        task: &[bool; 6],
+    ) -> Option<String> {
+        (0..self.0.len()).find_map(|leg| {
+            let (force, e) = self.at(leg, &terms.X_BE.R)?;
+            if (0..3).any(|i| !task[i] && e[i].abs() > UNSERVED) {
+                return Some(format!(
+                    "segment {leg} presses along `{}`, and the arm's task does not serve all of that axis: press along another one",
+                    force.axis
+                ));
+            }
+            let row = pressing_row(terms, &e);
+            // The largest f with |g_i + f·row_i| ≤ limit_i.
+            let most = |i: usize| {
+                let room = effort[i] - terms.gravity[i] * row[i].signum();
+                room / row[i].abs().max(1e-9)
+            };
+            let (joint, most) = (0..N)
+                .map(|i| (i, most(i)))
+                .min_by(|a, b| a.1.total_cmp(&b.1))?;
+            (most < force.newtons).then(|| {
+                format!(
+                    "segment {leg} asks for a force of {} N, and joint {} holds {:.1} N in the start posture: ask for less, or start in another posture",
+                    force.newtons,
+                    joint + 1,
+                    most.max(0.0)
+                )
+            })
+        })
+    }
+}
+
+/// J_eᵀ: the row of the velocity of E along e.
+fn pressing_row<const N: usize>(terms: &Terms<N>, e: &Vector3<f64>) -> SVector<f64, N> {
+    terms.J.fixed_rows::<3>(0).tr_mul(e)
+}
+
+/// The force's part of a tick: a* along e.
+///
+/// # Errors
+/// [`Refusal::Contact`] where within reach or in time nothing presses back with the force asked for; [`Refusal::Singular`] of a mass matrix that has no
+/// inverse.
+pub(crate) fn step<const N: usize>(
+    setup: &Setup<N>,
+    state: &mut State<N>,
+    now: &Now<'_, N>,
+    motion: &mut Motion<N>,
+) -> Result<(), Refusal> {
+    let wrist_n = now.wrist_n.copied().unwrap_or(state.force.wrist_n);
+    let leg = state.progress.leg;
+    let Some((force, e)) = setup.forces.at(leg, &now.terms.X_BE.R) else {
+        state.force = Pressing {
+            wrist_n,
+            ..Pressing::default()
+        };
+        return Ok(());
+    };
+    state.force.wrist_n = wrist_n;
+    let (row, has_sensor) = (
+        pressing_row(now.terms, &e),
+        setup.scenario.plant.wrist_sensor,
+    );
+    let felt = Felt {
+        force_n: if has_sensor {
+            -e.dot(&wrist_n)
+        } else {
+            unexplained(now, &row)?
+        },
+        speed: row.dot(now.qdot),
+        place_m: e.dot(&now.terms.X_BE.p),
+    };
+    let tuning = if has_sensor { &BY_SENSOR } else { &BY_OBSERVER };
+    let a = (state.force).step(force, leg, &felt, tuning, setup.scenario.dt_s())?;
+    motion.a += stack(&(e * a), &Vector3::zeros());
+    Ok(())
+}
+
+/// The force along e that explains the disturbance torque, −J̄_eᵀτ; N.
+fn unexplained<const N: usize>(now: &Now<'_, N>, row: &SVector<f64, N>) -> Result<f64, Refusal> {
+    let A = Cholesky::new(now.terms.A).map_err(|_| Refusal::Singular)?;
+    let response = A.solve(row);
+    Ok(-response.dot(now.tau_disturbance) / row.dot(&response).max(MOBILITY))
+}
+
+impl Pressing {
+    /// Whether the path waits for the force.
+    pub(crate) fn waits(&self) -> bool {
+        self.leg != 0 && matches!(self.stage, Stage::Seeking | Stage::Rising)
+    }
+
+    /// The acceleration along e, m/s².
+    fn step(
+        &mut self,
+        force: &Force,
+        leg: usize,
+        felt: &Felt,
+        tuning: &Tuning,
+        dt: f64,
+    ) -> Result<f64, Refusal> {
+        let Tuning {
+            omega,
+            omega_o,
+            felt_s,
+        } = *tuning;
+        if self.leg != leg + 1 {
+            self.begin(leg, felt);
+        }
+        self.felt_n += (felt.force_n - self.felt_n) * dt / (felt_s + dt);
+        self.change(force, felt, dt);
+        let is_touching = matches!(self.stage, Stage::Rising | Stage::Moving);
+        if self.stage != Stage::Moving {
+            self.waited_s += dt;
+        }
+        let is_far = !is_touching && felt.place_m - self.from_m > force.reach_m;
+        if is_far || self.waited_s > PATIENCE_S {
+            return Err(Refusal::Contact);
+        }
+        if !is_touching {
+            return Ok(2.0 * omega * (force.approach_m_s - felt.speed));
+        }
+        let rise = force.newtons / force.ramp_s * dt;
+        self.set_n += (force.newtons - self.set_n).clamp(-rise, rise);
+        let apart = felt.force_n / force.stiffness_n_m - self.depth_m;
+        self.depth_m += (felt.speed - self.surface_speed + 2.0 * omega_o * apart) * dt;
+        self.surface_speed -= omega_o * omega_o * apart * dt;
+        let most = force.approach_m_s;
+        let v = 0.5 * omega * (self.set_n - felt.force_n) / force.stiffness_n_m;
+        let within = (v + self.integral).clamp(-most, most);
+        // Where the bound acts, the error is not the integral's to mend.
+        if within == v + self.integral {
+            self.integral += INTEGRAL * v * dt;
+        }
+        Ok(2.0 * omega * (within + self.surface_speed - felt.speed))
+    }
+
+    /// −JᵀF: what bears the contact that the wrist's sensor measures; N·m. `None`: there is none.
+    pub(crate) fn bearing<const N: usize>(&self, terms: &Terms<N>) -> Option<SVector<f64, N>> {
+        let is_felt = self.wrist_n != Vector3::zeros();
+        is_felt.then(|| -terms.J.fixed_rows::<3>(0).tr_mul(&self.wrist_n))
+    }
+
+    /// The state of a hand on which the force `wrist_n` acts, base axes, N.
+    #[cfg(test)]
+    pub(crate) fn touching(wrist_n: Vector3<f64>) -> Self {
+        Self {
+            wrist_n,
+            ..Self::default()
+        }
+    }
+
+    /// A segment begins; a contact goes on into it.
+    fn begin(&mut self, leg: usize, felt: &Felt) {
+        *self = Self {
+            leg: leg + 1,
+            stage: match self.stage {
+                Stage::Moving => Stage::Rising,
+                _ => Stage::Seeking,
+            },
+            from_m: felt.place_m,
+            waited_s: 0.0,
+            lasted_s: 0.0,
+            ..*self
+        };
+    }
+
+    /// The stage after this tick.
+    fn change(&mut self, force: &Force, felt: &Felt, dt: f64) {
+        let touch = (TOUCH.0 * force.newtons)
+            .max(TOUCH.1)
+            .min(0.5 * force.newtons);
+        let is_reached = match force.until_newtons {
+            Some(until) => self.felt_n >= until,
+            None => (self.felt_n - force.newtons).abs() <= REACHED.0 * force.newtons,
+        };
+        let (lasts, long_s, next) = match self.stage {
+            Stage::Seeking => (self.felt_n > touch, 0.0, Stage::Rising),
+            Stage::Lost => (self.felt_n > touch, 0.0, Stage::Moving),
+            Stage::Rising if self.felt_n < 0.5 * touch => (true, LOST_S, Stage::Seeking),
+            Stage::Rising => {
+                let long_s = force.until_newtons.map_or(REACHED.1, |_| 0.0);
+                (is_reached, long_s, Stage::Moving)
+            }
+            Stage::Moving => (self.felt_n < 0.5 * touch, LOST_S, Stage::Lost),
+        };
+        self.lasted_s = if lasts { self.lasted_s + dt } else { 0.0 };
+        if lasts && self.lasted_s > long_s {
+            let meets = matches!(self.stage, Stage::Seeking | Stage::Lost);
+            (self.stage, self.lasted_s) = (next, 0.0);
+            if meets {
+                self.set_n = self.felt_n.min(force.newtons);
+                self.depth_m = felt.force_n / force.stiffness_n_m;
+                (self.integral, self.surface_speed) = (0.0, 0.0);
+            } else if matches!(next, Stage::Seeking | Stage::Lost) {
+                self.from_m = felt.place_m;
+            }
+        }
+    }
+
+    pub(crate) fn checkpoint(&self) -> ForceCheckpoint {
+        ForceCheckpoint {
+            set_n: self.set_n,
+            integral: self.integral,
+            depth_m: self.depth_m,
+            felt_n: self.felt_n,
+            wrist_n: self.wrist_n.into(),
+            surface_speed: self.surface_speed,
+            from_m: self.from_m,
+            waited_s: self.waited_s,
+            lasted_s: self.lasted_s,
+            leg: self.leg as u32,
+            stage: self.stage as u32,
+        }
+    }
+
+    pub(crate) fn restored(from: &ForceCheckpoint) -> Self {
+        Self {
+            leg: from.leg as usize,
+            stage: STAGES.get(from.stage as usize).copied().unwrap_or_default(),
+            set_n: from.set_n,
+            integral: from.integral,
+            depth_m: from.depth_m,
+            felt_n: from.felt_n,
+            wrist_n: from.wrist_n.into(),
+            surface_speed: from.surface_speed,
+            from_m: from.from_m,
+            waited_s: from.waited_s,
+            lasted_s: from.lasted_s,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn force() -> Force {
+        let text = "name=\"t\"\nrobot=\"puma560\"\nstart.posture=\"ready\"\n[[segment]]\nduration_s=1.0\nforce={axis=\"-z\", newtons=10.0}\n";
+        let scenario = Scenario::parse("t.toml", text, &[]).unwrap();
+        Forces::of(&scenario).0[0].clone().unwrap().0
+    }
+
+    /// A mass on a spring: it is met at the speed of the approach, and the force comes about without a peak beyond twice its set-point.
+    #[test]
+    fn a_contact_is_met_slowly_and_its_force_is_reached() {
+        let (force, dt, spring) = (force(), 1e-3, 2e4);
+        let (mut pressing, mut x, mut v, mut peak) =
+            (Pressing::default(), -0.005_f64, 0.0, 0.0_f64);
+        for _ in 0..3000 {
+            let felt = spring * x.max(0.0);
+            peak = peak.max(felt);
+            let a = pressing
+                .step(
+                    &force,
+                    0,
+                    &Felt {
+                        force_n: felt,
+                        speed: v,
+                        place_m: x,
+                    },
+                    &BY_SENSOR,
+                    dt,
+                )
+                .unwrap();
+            v += a * dt;
+            x += v * dt;
+            assert!(v <= 0.0201, "{v}");
+        }
+        assert!(
+            !pressing.waits() && peak < 20.0 && (spring * x - 10.0).abs() < 0.05,
+            "{peak} {x}"
+        );
+        let again = Pressing::restored(&pressing.checkpoint());
+        assert_eq!(again, pressing);
+    }
+
+    #[test]
+    fn a_direction_in_which_nothing_is_met_is_refused() {
+        let (force, mut pressing, mut ticks) = (force(), Pressing::default(), 0);
+        let refusal = loop {
+            let felt = Felt {
+                force_n: 0.0,
+                speed: 0.02,
+                place_m: 2e-5 * f64::from(ticks),
+            };
+            ticks += 1;
+            match pressing.step(&force, 0, &felt, &BY_SENSOR, 1e-3) {
+                Ok(_) => assert!(ticks < 3000),
+                other => break other,
+            }
+        };
+        assert_eq!(refusal, Err(Refusal::Contact));
+        // 50 mm at 20 mm/s.
+        assert!((2500..=2503).contains(&ticks), "{ticks}");
+    }
+}

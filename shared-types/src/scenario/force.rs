@@ -1,0 +1,148 @@
+//! Forces: the set-point of a segment, and the surfaces that it presses on.
+
+use serde::{Deserialize, Serialize};
+
+use super::curve::Axis;
+use crate::file::{Complaint, require, within};
+
+/// A force that the hand keeps along one direction while it follows the segment's path in all others.
+///
+/// The segment begins with an approach: the hand moves along the direction until it meets a surface,
+/// and the path waits until the force is reached.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Force {
+    /// Direction in which the hand presses: `"x"`, `"-y"` or three numbers such as `"0 0 -1"` (base
+    /// axes), or the same after `"tool "` (the hand's axes).
+    pub axis: String,
+    /// Set-point; N.
+    pub newtons: f64,
+    /// About the stiffness of the surface, within a factor of 2; N/m.
+    #[serde(default = "stiffness_n_m")]
+    pub stiffness_n_m: f64,
+    /// Measured force at which the segment's motion begins; N. Default: when the force has been
+    /// within a tenth of `newtons` for 50 ms.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub until_newtons: Option<f64>,
+    /// Time in which the set-point rises from 0 to `newtons`; s.
+    #[serde(default = "ramp_s")]
+    pub ramp_s: f64,
+    /// Speed of the approach; m/s.
+    #[serde(default = "approach_m_s")]
+    pub approach_m_s: f64,
+    /// How far a surface is looked for; m. Beyond it the controller refuses to go on.
+    #[serde(default = "reach_m")]
+    pub reach_m: f64,
+}
+
+fn ramp_s() -> f64 {
+    0.3
+}
+fn approach_m_s() -> f64 {
+    0.02
+}
+fn reach_m() -> f64 {
+    0.05
+}
+
+impl Force {
+    /// The direction in which the hand presses: a unit vector, and whether it is in the hand's axes. `None` where the text is none.
+    #[must_use]
+    pub fn direction(&self) -> Option<([f64; 3], bool)> {
+        match Axis::parse(&self.axis)? {
+            Axis::Base(axis) => Some((axis, false)),
+            Axis::Tool(axis) => Some((axis, true)),
+            Axis::Zeta(..) => None,
+        }
+    }
+
+    pub(super) fn check(&self) -> Result<(), Complaint> {
+        require(
+            self.direction().is_some(),
+            "force.axis",
+            format!("`{}` is not a direction of a force", self.axis),
+            "x, -y, three numbers such as `0 0 -1`, or the same after `tool `",
+        )?;
+        let newtons = self.newtons;
+        for (key, value, range) in [
+            ("newtons", newtons, 0.1..=1e4),
+            (
+                "until_newtons",
+                self.until_newtons.unwrap_or(newtons),
+                0.1..=newtons.max(0.1),
+            ),
+            ("stiffness_n_m", self.stiffness_n_m, 10.0..=1e6),
+            ("ramp_s", self.ramp_s, 1e-3..=60.0),
+            ("approach_m_s", self.approach_m_s, 1e-4..=1.0),
+            ("reach_m", self.reach_m, 1e-3..=10.0),
+        ] {
+            within(
+                &format!("force.{key}"),
+                value,
+                range,
+                format!("`{key}` is {value}"),
+            )?;
+        }
+        Ok(())
+    }
+}
+
+/// A surface of a spring with a damper: the hand touches it with one point, that at which it is seen.
+///
+/// At depth δ it presses back with k·δ·(1 + c·δ̇) (Hunt & Crossley 1975), never less than 0, and rubs
+/// with μ times that.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Surface {
+    /// A point of the plane, or the centre of the sphere, in the base frame; m.
+    pub point_m: [f64; 3],
+    /// Normal of the plane, out of the material, of any length. A sphere has none.
+    #[serde(default = "upwards")]
+    pub normal: [f64; 3],
+    /// Radius of a sphere; m. Without one it is a plane.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub radius_m: Option<f64>,
+    /// Stiffness k; N/m.
+    #[serde(default = "stiffness_n_m")]
+    pub stiffness_n_m: f64,
+    /// Damping c per depth: the force grows by this share for each m/s of δ̇; s/m.
+    #[serde(default = "damping_s_m")]
+    pub damping_s_m: f64,
+    /// Coulomb friction coefficient μ.
+    #[serde(default = "friction")]
+    pub friction: f64,
+}
+
+fn upwards() -> [f64; 3] {
+    [0.0, 0.0, 1.0]
+}
+fn stiffness_n_m() -> f64 {
+    20_000.0
+}
+fn damping_s_m() -> f64 {
+    5.0
+}
+fn friction() -> f64 {
+    0.2
+}
+
+impl Surface {
+    pub(super) fn check(&self) -> Result<(), Complaint> {
+        let numbers = || self.point_m.iter().chain(&self.normal);
+        require(
+            numbers().all(|x| x.abs() <= 1000.0) && self.normal != [0.0; 3],
+            "normal",
+            "the surface has no place, or no direction",
+            "point_m in metres, and normal a vector with a length",
+        )?;
+        for (key, value, range) in [
+            ("radius_m", self.radius_m.unwrap_or(1.0), 1e-3..=1e3),
+            ("stiffness_n_m", self.stiffness_n_m, 10.0..=1e6),
+            ("damping_s_m", self.damping_s_m, 0.0..=1e3),
+            ("friction", self.friction, 0.0..=2.0),
+        ] {
+            within(key, value, range, format!("`{key}` is {value}"))?;
+        }
+        Ok(())
+    }
+}
