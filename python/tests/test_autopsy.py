@@ -91,6 +91,16 @@ def test_another_order_of_joints_is_found_and_another_robot_is_said(arm, tmp_pat
     assert autopsy.autopsy(tmp_path / "other.csv", arm[1])["cause"] == "another robot"
 
 
+def test_columns_are_mapped_in_their_order(tmp_path):
+    t = np.arange(0, 2, 0.01)
+    q = 0.5 + np.sin(t)[:, None] * np.linspace(0.1, 0.2, 6)
+    np.savetxt(tmp_path / "odd.csv", np.c_[t, t, q], delimiter=",", header="w,error_1," + ",".join(f"zz{j}" for j in range(6)), comments="")
+    answer = autopsy.autopsy(tmp_path / "odd.csv", "ur5", mapping={"t": ["w"], "q": ["zz*"]})
+    assert answer["columns"] == {"q": "zz0, zz1, zz2, zz3, zz4, zz5"} and abs(answer["rate_hz"] - 100) < 1
+    with pytest.raises(ValueError, match="w, error_1, zz0"):
+        autopsy.autopsy(tmp_path / "odd.csv", "ur5")
+
+
 def test_a_damaged_file_is_one_sentence(tmp_path):
     good = "time," + ",".join(f"q{j}" for j in range(6)) + "\n" + "0.1,0,0,0,0,0,0\n"
     files = {

@@ -7,6 +7,7 @@ import time
 import armplane
 import numpy as np
 import pytest
+from armplane.limited import Ended, limited
 from scipy.spatial.transform import Rotation
 
 WIRE = armplane.wire
@@ -202,6 +203,13 @@ def test_a_million_torques_of_singular_states_are_finite():
     for _ in range(6):
         assert np.isfinite(law.step_many(q, q * 0, twist=random.normal(0, 0.3, (len(q), 6)))).all()
     assert not law.refused.any()
+
+
+def test_a_function_is_ended_by_its_limits():
+    assert limited(60, abs, -1) == 1
+    for kind, call in [(Ended, (0.2, time.sleep, 600)), (Ended, (60, os.abort)), (Ended, (60, bytearray, 1 << 50)), (ValueError, (60, int, "x"))]:
+        with pytest.raises(kind):
+            limited(*call)
 
 
 def test_every_public_thing_has_words():

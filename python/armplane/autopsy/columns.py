@@ -64,11 +64,12 @@ def tokens(name):
 
 
 def useful(names, robot, mapping):
-    """The columns of a file that can be time or part of a signal; all of them where none is a position."""
+    """The columns of a file that can be time or part of a signal, in their order; all of them where there is no position or no time."""
     groups = [*_joint_groups("", names, robot), *_hand_groups("", names)]
-    found = {name for _, _, group in groups for name in group} | {name for wanted in mapping.values() for name in _matching(wanted, names)}
     clocks = {name for name in names if _TIME & {*tokens(name)} or tokens(name) in _TICK}
-    return found | clocks if "q" in mapping or any(role in ("q", "q_cmd") for role, _, _ in groups) else names
+    roles = {role for role, _, _ in groups} | {*mapping} | ({"t"} if clocks else set())
+    found = clocks | {name for _, _, group in groups for name in group} | {name for wanted in mapping.values() for name in _matching(wanted, names)}
+    return [name for name in names if name in found] if "t" in roles and roles & {"q", "q_cmd"} else names
 
 
 def _matching(wanted, names):

@@ -30,8 +30,7 @@ def filled(x):
     known = np.isfinite(x.reshape(len(x), -1)).all(axis=1)
     if not known.any():
         return np.zeros_like(x)
-    at = np.maximum.accumulate(np.where(known, np.arange(len(x)), np.argmax(known)))
-    return x[np.where(np.arange(len(x)) < np.argmax(known), np.argmax(known), at)]
+    return x[np.maximum.accumulate(np.where(known, np.arange(len(x)), np.argmax(known)))]
 
 
 def norm(x):
@@ -139,8 +138,10 @@ class Motion:
         usable &= t < t[first[min(10, len(first) - 1)]] + 0.6
         V = (self.V * scale)[usable]
         fit = lambda asked: alike((asked * scale)[usable], V)
-        quality, in_hand = fit(twist), turned(self.pose[:, :3, :3], twist)
-        if fit(in_hand) - 0.02 > max(quality, 0.8):
+        in_hand = turned(self.pose[:, :3, :3], twist)
+        as_it_is, as_of_hand = fit(twist), fit(in_hand) - 0.02
+        quality = max(as_it_is, as_of_hand)
+        if quality > 0.8 and quality == as_of_hand:
             self.notes.append("The commanded twist is in the hand's axes.")
             return in_hand
         if quality > 0.8:
