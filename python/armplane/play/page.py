@@ -60,6 +60,8 @@ class Page:
         self.actions, self.story = queue.Queue(), collections.deque(["Drag the yellow ball."], 4)
         # The steering browser, since when nobody has touched anything; clicks of others; notices by browser.
         self.driver, self.touched, self.refused, self.notices = None, time.monotonic(), 0, {}
+        # Browsers whose camera stays as a person has turned it, until the arm gets something to do.
+        self.turned = set()
         self.subject, self.settings, self.law, self.home = given.subject, [], None, None
         self.session, self.ghost, self.hand, self.scene = None, None, None, None
         self.failures, self.ended, self.said, self.kept = 0, [], time.monotonic(), {}
@@ -80,6 +82,7 @@ class Page:
         gui.configure_theme(dark_mode=True, control_width="large", show_logo=False, show_share_button=False, brand_color=(214, 51, 164))
         gui.add_html(panel.STYLE)
         self.html = gui.add_html("")
+        save = gui.add_button("Save this run", icon="device-floppy")
         with gui.add_folder("Go to") as self.places:
             speed = gui.add_slider("speed, m/s", *SPEEDS, 0.05, 0.3)
             tours = gui.add_checkbox("tour when idle", True)
@@ -88,9 +91,8 @@ class Page:
             self.arms = gui.add_dropdown("arm", arms)
             self.laws = gui.add_dropdown("law", laws())
             self.rivals = gui.add_dropdown("race against", [NOBODY, *laws(), *FILES])
-        with gui.add_folder("Faults and recording"):
+        with gui.add_folder("Faults"):
             faults = gui.add_button_group("inject", tuple(FAULTS), hint=HINT)
-            save = gui.add_button("Save this run", icon="device-floppy")
         self.joints = gui.add_folder("Joints", expand_by_default=False)
         # Those of one arm: its buttons and sliders.
         self.own, self.sliders = [], []
@@ -133,7 +135,12 @@ class Page:
     def _greet(self, client):
         if self.scene:
             self.scene.aim(client)
-        client.camera.on_update(lambda _: self.actions.put(lambda: self._look(client.client_id)))
+
+        def look(camera):
+            place, gaze = camera.position, camera.look_at - camera.position
+            self.actions.put(lambda: self._look(client.client_id, place, gaze))
+
+        client.camera.on_update(look)
 
     def _is_taken(self):
         """Whether somebody steers: holds the ball, or has just touched something."""
@@ -150,6 +157,7 @@ class Page:
             self.refused += 1
             return False
         self._touch()
+        self.turned.clear()
         return True
 
     def _touch(self):
@@ -158,8 +166,12 @@ class Page:
         if self.hand.mode == "tour":
             self.hand.hold()
 
-    def _look(self, client):
+    def _look(self, client, place, gaze):
         """Whoever turns the camera wants to look for himself: no tour meanwhile."""
+        if self.scene.is_sent(client, place):
+            return
+        self.scene.take(client, place, gaze)
+        self.turned.add(client)
         if self.driver is None or self.driver == client:
             self._touch()
 
@@ -345,9 +357,13 @@ class Page:
         with self.server.atomic():
             goal = None if hand.mode == "tour" else hand.goal
             self.scene.show(session.seen, goal, hand.mode == "hand")
+            # Not while the ball is dragged: its plane is the picture's.
+            for client in clients.values() if hand.mode != "hand" else ():
+                if client.client_id in self.scene.sent.keys() - self.turned:
+                    self.scene.follow(client)
             if ghost:
                 self.scene.show_ghost(ghost, ghost.peaks.max() >= panel.AT_LIMIT)
-            if number % 4 == 0:
+            if number % 4 == 0 and clients:
                 self._show_panel(session, ghost, clients)
             if number % 20 == 0 and hand.mode != "posture":
                 for slider, angle in zip(self.sliders, np.degrees(session.q)):
@@ -360,12 +376,13 @@ class Page:
         seen, mode, pace = session.seen, self.hand.mode, session.pace()
         foot = MODES[mode] + (f" · {len(clients)} watch" if len(clients) > 1 else "")
         foot += f" · slow computer: {pace:.2f} of real time" if pace < SLOW else ""
+        viewer, ball = self.driver if self.driver in clients else min(clients), self.scene.target.position
         state = {
-            "mode": mode, "robot": session.robot.name, "run": session.run, "target": self.scene.target.position.tolist(), "hand": [*seen["plant_state"].p_BE],
+            "mode": mode, "robot": session.robot.name, "run": session.run, "target": ball.tolist(), "hand": [*seen["plant_state"].p_BE],
             "nearest": seen["servo_state"].nearest, "arrivals": self.hand.arrivals, "places": [*self.postures], "ghost": ghost is not None,
-            "refused": self.refused, "camera": self.scene.camera, "pace": pace,
+            "refused": self.refused, "camera": self.scene.camera(clients[viewer]) if viewer in self.scene.sent else None, "pace": pace,
         }  # fmt: skip
-        self.html.content = panel.page(session.robot, seen, ghost, "\n".join(self.story), foot, state)
+        self.html.content = panel.page(session.robot, seen, ghost, ball, "\n".join(self.story), foot, state)
 
     def _meet(self, session):
         """The first tick of an arm that has not been shown yet."""
@@ -377,6 +394,8 @@ class Page:
         self.own, self.sliders, self.postures, self.home = [], [], {}, session.q
         floor = scenario["plant"].get("floor_m") or 0.0
         self.scene = Scene(self.server, robot, floor, session.q)
+        if why := robot.body.lacking:
+            self.story.append(f"Simpler shapes are drawn, for a mesh cannot be read: {why}")
         if robot.name not in self.arms.options:
             self.arms.options = (*self.arms.options, robot.name)
         self.kept |= {"arm": robot.name, "law": scenario["control"]["strategy"]}

@@ -12,7 +12,7 @@ from .scene import name_of
 # The deed of the law inside a neighbourhood, by mode.
 DOES = {
     wire.MODE_BLEND: "motion along ζ is faded out",
-    wire.MODE_TRACK: "the joints move in the null space, so that the hand can follow",
+    wire.MODE_TRACK: "joints turn without moving the hand, until it can follow",
     wire.MODE_PASS: "passes straight through, ζ off the way",
     wire.MODE_HOLD: "ζ is held",
     wire.MODE_REORIENT: "ζ is turned first",
@@ -39,7 +39,19 @@ def _bar(share, colour, mark=None, kind="bar"):
     return f'<div class="{kind}"><i style="width:{width:.1f}%;background:{colour}"></i>{line}</div>'
 
 
-def reason(robot, seen):
+def _gap(seen, ball):
+    """From hand to ball, m."""
+    return float(np.linalg.norm(np.subtract(seen["plant_state"].p_BE, ball)))
+
+
+def _cannot(seen, ball):
+    """Whether the hand stands and the ball is beyond what the arm reaches."""
+    servo = seen["servo_state"]
+    ends = servo.reason in (wire.REASON_REACH, wire.REASON_LIMIT) and servo.speed_scale < 0.02
+    return ends and _gap(seen, ball) > 0.01
+
+
+def reason(robot, seen, ball):
     """Why the hand moves as it does, and what the law does about the nearest singularity."""
     servo, plant = seen["servo_state"], seen["plant_state"]
     text, details = wire.REASONS.get(servo.reason, "unknown"), []
@@ -52,7 +64,11 @@ def reason(robot, seen):
         does = DOES.get(seen["control_state"].mode[place])
         details.append(f"near {name_of(robot, place)}, {kind}" + (f": {does}" if does else ""))
     is_slowed = servo.reason not in (wire.REASON_FOLLOWING, wire.REASON_RESTING)
-    if is_slowed and servo.speed_scale < 0.97 and max(map(abs, servo.V_target)) > 0.005:
+    if _cannot(seen, ball):
+        end = f"joint {servo.joint} is at its limit" if servo.joint else "the arm stretches to it"
+        text = f"out of reach: {end}"
+        details.append(f"{100 * _gap(seen, ball):.0f} cm short of the ball")
+    elif is_slowed and servo.speed_scale < 0.97 and max(map(abs, servo.V_target)) > 0.005:
         details.append(f"{100 * servo.speed_scale:.0f} % of the speed asked for")
     if plant.drive:
         details.append(f"the drives: {wire.DRIVES.get(plant.drive)}")
@@ -86,22 +102,25 @@ def _joints(robot, seen, ghost):
         ) + "</div>"
 
 
-def _race(ghost):
+def _race(seen, ghost, ball):
     speed, torque = 100 * ghost.peaks.max(axis=1)
     alarm = f'style="color:{STOP}"' if ghost.peaks.max() >= AT_LIMIT else ""
     text = f"largest speed {speed:.0f} %, torque {torque:.0f} % of the limit"
-    return f"<h3>Race</h3><span {alarm}>{html.escape(ghost.law)}: {text}</span>"
+    ours, theirs = (f"{100 * _gap(one, ball):.0f} cm" for one in (seen, ghost.seen))
+    gaps = f"To the ball: this arm {ours}, the other {theirs}."
+    gaps += " Out of reach: the nearer one has not won." if _cannot(seen, ball) else ""
+    return f"<h3>Race. {gaps}</h3><span {alarm}>{html.escape(ghost.law)}: {text}</span>"
 
 
-def page(robot, seen, ghost, story, foot, state):
-    """The panel. `ghost`: its session, or `None`; `story`: what happened last; `state`: for
-    programs that look at the page."""
-    text, detail = map(html.escape, reason(robot, seen))
+def page(robot, seen, ghost, ball, story, foot, state):
+    """The panel. `ghost`: its session, or `None`; `ball`: where it is, m; `story`: what happened
+    last; `state`: for programs that look at the page."""
+    text, detail = map(html.escape, reason(robot, seen, ball))
     colour = COLOURS.get(seen["servo_state"].reason, SLOW)
     return (
         f'<div class="ap" data-state="{html.escape(json.dumps(state))}"><div class="say" style="border-color:{colour}">{text}'
-        f"<small>{detail or '&nbsp;'}</small></div><h3>Distance to each singularity; left of the line, the null space takes over</h3>"
+        f"<small>{detail or '&nbsp;'}</small></div><h3>Distance to each singularity, where the hand loses a direction. Left of the line, the law takes over.</h3>"
         f"{''.join(_measures(robot, seen['singularity']))}<h3>Joints: speed (left) and torque (right), as shares of their limits</h3>"
-        f"{''.join(_joints(robot, seen, ghost))}{_race(ghost) if ghost else ''}<h3>Messages</h3><div class=\"log\">{html.escape(story)}</div>"
+        f"{''.join(_joints(robot, seen, ghost))}{_race(seen, ghost, ball) if ghost else ''}<h3>Messages</h3><div class=\"log\">{html.escape(story)}</div>"
         f'<div class="foot">{foot}</div></div>'
     )

@@ -6,6 +6,7 @@ import tempfile
 import numpy as np
 
 from .. import Arm
+from .body import Body
 
 # Postures among which those near singularities are chosen, and their distance from joint limits.
 TRIES, MARGIN = 4000, 0.1
@@ -27,20 +28,15 @@ class Robot:
         self.upper = bounded(self.arm.upper, np.pi)
         middle = (self.lower + self.upper) / 2
         self.singular_names = [one.name for one in self.arm.singularities(middle)]
-        points = np.vstack([np.zeros(3), self.frames(middle)[:, :3, 3]])
-        self.reach = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+        frames = np.concatenate([np.eye(4)[None], self.frames(middle)])
+        tips = np.einsum("nji,nj->ni", frames[:-1, :3, :3], np.diff(frames[:, :3, 3], axis=0))
+        self.reach = float(np.linalg.norm(tips, axis=1).sum())
+        self.body = Body(source, self.arm.joints, tips)
 
     def frames(self, q):
         """Poses of the links and, last, of the end-effector in the base, (n + 1, 4, 4)."""
         at = self.arm.at(q)
         return np.concatenate([at.links, at.pose[None]])
-
-    def axes(self):
-        """The joints' axes in the frames of their links, (n, 3)."""
-        at = self.arm.at((self.lower + self.upper) / 2)
-        slide, turn = at.J[:3].T, at.J[3:].T
-        turns = np.linalg.norm(turn, axis=1, keepdims=True) > 0.5
-        return np.einsum("nji,nj->ni", at.links[:, :3, :3], np.where(turns, turn, slide))
 
     def near(self, home):
         """Near each singularity a posture: if possible near no other one, not far from `home`."""

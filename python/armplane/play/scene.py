@@ -9,11 +9,16 @@ from viser.transforms import SO3
 from .. import wire
 from ..rotation import rotation_exp
 
-SHELL, JOINT, HAND, ZETA = (214, 220, 230), (62, 74, 98), (250, 204, 60), (255, 66, 200)
+STAND, HAND, ZETA = (62, 74, 98), (250, 204, 60), (255, 66, 200)
 GHOST, ALARM, TRAIL, ELLIPSOID = (255, 160, 72), (255, 60, 60), (150, 190, 255), (90, 200, 190)
 # |s| over η_out from which on ζ is drawn.
 ZETA_SHOWN = 2.0
 TRAIL_POINTS = 60
+# The part of the picture beside the panel, on a phone above it, in halves of its width and height
+# from the middle: ends on the left and below, on the right and above. Hand and ball stay in it.
+BESIDE, ABOVE = np.array([[-0.85, -0.8], [0.2, 0.8]]), np.array([[-0.7, 0.1], [0.7, 0.8]])
+# The share of its way that a camera goes in a picture.
+CALM = 0.08
 
 
 def quaternion(R):
@@ -21,28 +26,30 @@ def quaternion(R):
 
 
 class Arm:
-    """Links as tubes between joints, joints as cylinders; each hangs on a frame that moves."""
+    """The parts of each link hang on a frame that moves."""
 
-    def __init__(self, scene, name, robot, girth, **look):
-        self.robot, self.scene, self.look = robot, scene, look
-        self.frames, self.parts = [], []
-        rest, widest = robot.frames((robot.lower + robot.upper) / 2), girth * robot.reach
-        self._tube(f"{name}/base", np.zeros(3), rest[0, :3, 3], widest, SHELL)
-        for i, axis in enumerate(robot.axes()):
-            radius, R = widest * (1 - 0.5 * i / robot.dof), rest[i, :3, :3]
-            tip = R.T @ (rest[i + 1, :3, 3] - rest[i, :3, 3])
-            self.frames.append(scene.add_frame(f"{name}/{i}", show_axes=False))
-            self._tube(f"{name}/{i}/link", np.zeros(3), tip, 0.72 * radius, SHELL)
-            half = 1.15 * radius * axis
-            self._tube(f"{name}/{i}/joint", -half, half, radius, JOINT)
+    def __init__(self, scene, name, robot, **look):
+        self.robot, self.parts = robot, []
+        links = range(robot.dof)
+        self.frames = [scene.add_frame(f"{name}/{i}", show_axes=False) for i in links]
+        for k, (link, X, kind, sizes, colour) in enumerate(robot.body.parts):
+            place = {"wxyz": quaternion(X[:3, :3]), "position": X[:3, 3]}
+            self._draw(scene, f"{name}/{link}/{k}", kind, sizes, {"color": colour, **place, **look})
 
-    def _tube(self, name, a, b, radius, colour):
-        """From a to b; a link with a ball at its end."""
-        length, look = float(np.linalg.norm(b - a)), {"color": colour, **self.look}
-        wxyz = quaternion(trimesh.geometry.align_vectors([0, 0, 1], b - a)[:3, :3]) if length > 1e-6 else (1, 0, 0, 0)
-        self.parts.append(self.scene.add_cylinder(name, radius, max(length, 1e-6), wxyz=wxyz, position=(a + b) / 2, **look))
-        if colour == SHELL:
-            self.parts.append(self.scene.add_icosphere(f"{name}/end", radius, position=(0, 0, length / 2), **look))
+    def _draw(self, scene, name, kind, sizes, look):
+        if kind == "box":
+            part = scene.add_box(name, dimensions=sizes, **look)
+        elif kind == "sphere":
+            part = scene.add_icosphere(name, *sizes, **look)
+        elif kind == "mesh":
+            part = scene.add_mesh_simple(name, *sizes, flat_shading=True, **look)
+        else:
+            radius, length = sizes
+            part = scene.add_cylinder(name, radius, length, **look)
+            for end in (-length / 2, length / 2) if kind == "capsule" else ():
+                cap = look | {"position": (0, 0, end), "wxyz": (1, 0, 0, 0)}
+                self.parts.append(scene.add_icosphere(f"{name}/{end}", radius, **cap))
+        self.parts.append(part)
 
     def move(self, q):
         """Takes the posture; returns the frames."""
@@ -63,16 +70,18 @@ class Scene:
         scene.configure_default_lights(cast_shadow=False)
         x, y, _ = robot.frames(start)[-1, :3, 3]
         self.around = rotation_exp(np.array([0, 0, np.arctan2(y, x)])) * reach
-        self.camera = None
+        # Where each browser's camera has been sent, and from there to what it looks at, m.
+        self.sent, self.gaze = {}, {}
         for client in server.get_clients().values():
             self.aim(client)
         grey, light = (42, 48, 60), (64, 72, 90)
         scene.add_grid("/floor", 6 * reach, 6 * reach, cell_size=reach / 10, section_size=reach / 2, position=(0, 0, floor), cell_color=grey, section_color=light)
         if floor < -0.05 * reach:
-            scene.add_cylinder("/pedestal", 0.07 * reach, -floor, JOINT, position=(0, 0, floor / 2))
-        self.arm, self.ghost = Arm(scene, "/arm", robot, 0.042), None
+            scene.add_cylinder("/pedestal", 0.07 * reach, -floor, STAND, position=(0, 0, floor / 2))
+        self.arm, self.ghost = Arm(scene, "/arm", robot), None
         self.target = scene.add_transform_controls("/target", scale=0.16 * reach, line_width=3.0, disable_sliders=True, depth_test=False, opacity=0.9)
         self.grip = scene.add_icosphere("/target/grip", 0.048 * reach, HAND)
+        self.hint = scene.add_label("/hint", "drag me", anchor="bottom-center")
         self.leash = self._lines("/leash", 1, HAND, 2.0)
         self.trail = self._lines("/trail", TRAIL_POINTS - 1, TRAIL, 2.5)
         self.elbows = collections.deque(maxlen=TRAIL_POINTS)
@@ -99,8 +108,45 @@ class Scene:
         is_tall = client.camera.aspect < 1
         look_at = self.around @ ([0.33, 0.1, -0.5] if is_tall else [0.63, 0.42, 0.2])
         away = self.around @ np.array([1.25, -1.9, 0.85]) * (1.55 if is_tall else 0.95)
-        camera, self.camera = client.camera, [(look_at + away).tolist(), look_at.tolist()]
+        camera = client.camera
+        self.take(client.client_id, look_at + away, -away)
+        self.sent[client.client_id].appendleft(camera.position)
         camera.position, camera.look_at, camera.fov = look_at + away, look_at, 0.85
+
+    def take(self, client, position, gaze):
+        """Begins to follow with a camera that is there."""
+        self.sent[client], self.gaze[client] = collections.deque([position], 100), gaze
+
+    def is_sent(self, client, position):
+        """Whether a camera is where it has been sent, and nobody has moved it."""
+        ways = np.array(self.sent.get(client, [position])) - position
+        return np.linalg.norm(ways, axis=1).min() < 0.01 * self.robot.reach
+
+    def camera(self, client):
+        """Where it is and what it looks at, as soon as the browser says that it is there."""
+        place, gaze = self.sent[client.client_id][-1], self.gaze[client.client_id]
+        known, view = client.camera, [place, place + gaze]
+        is_there = np.allclose([known.position, known.look_at], view, atol=1e-3)
+        return np.array(view).tolist() if is_there else None
+
+    def follow(self, client):
+        """Moves a camera, without turning it, as far as hand and ball have left their part."""
+        camera, sent, gaze = client.camera, self.sent[client.client_id], self.gaze[client.client_id]
+        low, high = ABOVE if camera.aspect < 1 else BESIDE
+        ahead = gaze / np.linalg.norm(gaze)
+        right = np.cross(ahead, [0, 0, 1]) / max(np.hypot(*ahead[:2]), 1e-9)
+        R = np.stack([right, np.cross(right, ahead), ahead], axis=1)
+        half = np.tan(camera.fov / 2) * np.array([camera.aspect, 1])
+        local = (np.array([self.hand, self.target.position]) - sent[-1]) @ R
+        depth = np.maximum(local[:, 2:], 0.3 * self.robot.reach)
+        seen = local[:, :2] / depth / half
+        below, above = np.minimum(seen.min(axis=0) - low, 0), np.maximum(seen.max(axis=0) - high, 0)
+        wider = (np.ptp(seen, axis=0) / (high - low)).max()
+        way = depth.mean() * np.append((below + above) * half, min(1 - wider, 0))
+        if np.linalg.norm(way) > 0.005 * self.robot.reach:
+            sent.append(sent[-1] + CALM * R @ way)
+            # Both, for the browser's last word on its camera may be older than what it was sent.
+            camera.position, camera.look_at = sent[-1], sent[-1] + gaze
 
     def remove_ghost(self):
         self.server.scene.remove_by_name("/ghost")
@@ -109,7 +155,8 @@ class Scene:
     def show_ghost(self, session, is_red):
         """The arm of the other law; red from the moment when a joint has reached a limit."""
         if self.ghost is None:
-            self.ghost = Arm(self.server.scene, "/ghost", session.robot, 0.05, opacity=0.3, color=GHOST)
+            # Larger, so that it does not flicker where it coincides with the arm.
+            self.ghost = Arm(self.server.scene, "/ghost", session.robot, opacity=0.3, color=GHOST, scale=1.04)
         self.ghost.move(session.q)
         for part in self.ghost.parts if is_red else ():
             part.color = ALARM
@@ -121,8 +168,12 @@ class Scene:
         frames = self.arm.move(q)
         R, p = frames[-1, :3, :3], frames[-1, :3, 3]
         position, wxyz = (p, quaternion(R)) if goal is None else goal
-        if not is_ours:
+        self.hand = p
+        if is_ours:
+            self.hint.visible = False
+        else:
             self.target.position, self.target.wxyz = position, wxyz
+        self.hint.position = position + np.array([0, 0, 0.07 * self.robot.reach])
         self.leash.points = np.array([[p, position]])
         self.elbows.append(frames[self.robot.dof // 2, :3, 3])
         points = [self.elbows[0]] * (TRAIL_POINTS - len(self.elbows)) + [*self.elbows]
