@@ -38,7 +38,7 @@ PICTURES = {
 # Animated picture: what is run, from when to when (s), how many seconds pass in one, and its part of the window (left, top, right, bottom).
 ANIMATIONS = {
     "race.gif": (["compare", "fig5-wrist-rotation", "--race"], (0.0, 4.4), 1.0, (0, 54, 676, 830)),
-    "servo.gif": (["servo", "servo-line-panda"], (0.0, 23.0), 4.0, (0, 54, 676, 830)),
+    "servo.gif": (["servo", "servo-line-panda"], (0.0, 23.0), 4.0, (0, 54, 676, 520)),
 }
 # Every scenario that ends by itself, at a moment of the stretch that the viewer plays again and again.
 EVERY = {
