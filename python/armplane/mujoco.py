@@ -113,6 +113,32 @@ def _without_self_collision(spec, names):
             spec.add_exclude(bodyname1=body.name, bodyname2=other.name)
 
 
+class Surfaces:
+    """The scenario's surfaces, the same springs as in armplane's own plant (sim/src/surface.rs): they touch the hand at one point."""
+
+    # m/s
+    _SLIDING = 5e-3
+
+    def __init__(self, surfaces):
+        self.surfaces = surfaces
+
+    def force(self, p, v):
+        """Number of surfaces that a point at `p` with velocity `v` touches, and the force on it; N."""
+        count, force = 0, np.zeros(3)
+        for one in self.surfaces:
+            way, normal = p - one["point_m"], np.array(one["normal"], float)
+            distance = np.linalg.norm(way)
+            normal = way / distance if one.get("radius_m") else normal / np.linalg.norm(normal)
+            depth = one["radius_m"] - distance if one.get("radius_m") else -normal @ way
+            if depth > 0.0:
+                inwards = -normal @ v
+                pressing = one["stiffness_n_m"] * depth * max(0.0, 1.0 + one["damping_s_m"] * inwards)
+                sliding = v + inwards * normal
+                force += pressing * (normal - sliding * one["friction"] / max(np.linalg.norm(sliding), self._SLIDING))
+                count += 1
+        return count, force
+
+
 class World:
     """The simulation: the arm's joints by name in a scene, torques at them, everything else as the scene has it.
 
@@ -123,6 +149,7 @@ class World:
         scenario, self.arm, self.robot = job["scenario"], Arm(arm_text), job["robot"]["name"]
         self.where, self.said = os.path.basename(file) if file else self.robot, []
         options = scenario["plant"]
+        self.surfaces = Surfaces(options.get("surface", []))
         try:
             spec = _spec(arm_text, file)
             self._find(spec)
@@ -274,10 +301,25 @@ class World:
                 d.qpos[self.qpos], d.qvel[self.dofs] = q, 0.0
         else:
             d.qfrc_applied[self.dofs] = tau
-            mujoco.mj_step(m, d, self.substeps)
+            if self.surfaces.surfaces:
+                self._press(tau)
+            else:
+                mujoco.mj_step(m, d, self.substeps)
         if any(d.warning[bad].number for bad in _BAD):
             raise RuntimeError(f"MuJoCo's simulation left the finite numbers at {d.time:.3f} s: more sub-steps (plant.substeps), or a softer scene")
         self.arm.move_to(self.q, self.qdot)
+
+    def pressed(self):
+        """Number of surfaces that the hand touches, and the force on it in base axes; N."""
+        arm = self.arm
+        return self.surfaces.force(arm.position, arm.jacobian()[:3] @ self.qdot)
+
+    def _press(self, tau):
+        """The tick's sub-steps, each under the force of the surfaces at its beginning."""
+        for _ in range(self.substeps):
+            self.data.qfrc_applied[self.dofs] = tau + self.arm.jacobian()[:3].T @ self.pressed()[1]
+            mujoco.mj_step(self.model, self.data)
+            self.arm.move_to(self.q, self.qdot)
 
     def state(self):
         """All of the simulation that the next step depends on."""
@@ -309,7 +351,8 @@ class World:
                 # From the first geom to the second.
                 force += (of_arm[1] - of_arm[0]) * (one[:3] @ d.contact[i].frame.reshape(3, 3))
                 count += 1
-        return count, self.base.T @ force
+        touched, pressed = self.pressed()
+        return count + touched, self.base.T @ force + pressed
 
     def __str__(self):
         m = self.model
@@ -329,6 +372,7 @@ class MujocoPlant(Plant):
         bits = plant["encoder_bits"]
         self.count = np.where(arm.turns, 2.0 * np.pi, 1.0) / 2**bits if bits else None
         self.noise, self.noise_counts = Gaussian(scenario["seed"], arm.n), plant["encoder_noise_counts"]
+        self.wrist_noise = Gaussian(~scenario["seed"] & (1 << 64) - 1, 3)
         print(self.world)
 
     def state(self):
@@ -359,6 +403,9 @@ class MujocoPlant(Plant):
         truth.energy_j = float(arm.data.energy.sum())
         truth.contacts, force = world.touch()
         truth.contact_force_n[:] = force.tolist()
+        if (wrist := self.topics.get("wrist_force")) is not None:
+            noise = self.job["scenario"]["plant"]["wrist_noise_n"] * self.wrist_noise(tick)
+            wrist.force_n[:] = (world.pressed()[1] + noise).tolist()
         truth.limit_mask = world.limit_mask()
         truth.drive_flags, truth.saturation_mask, truth.refused = drive.flags, drive.saturation_mask, drive.refused
 

@@ -49,9 +49,6 @@ pub struct Summary {
     pub turns: Vec<TurnSummary>,
     /// Changes of mode, in order.
     pub modes: Vec<ModeChange>,
-    /// A run that controls a force: how the hand kept it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub force: Option<ForceSummary>,
     /// A steered run: how the arm followed its targets.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub servo: Option<ServoSummary>,
@@ -209,6 +206,9 @@ pub struct TaskSummary {
     /// Largest sum of contact forces on the arm.
     #[serde(default)]
     pub contact_max_n: f64,
+    /// Segments with a force: how the hand kept it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub force: Option<ForceSummary>,
     /// Success by the strict bar S1: within 1 mm and 0.5° at the end and orthogonal to ζ, and no
     /// limit broken.
     #[serde(default)]

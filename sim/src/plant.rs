@@ -71,10 +71,11 @@ impl<const N: usize> Plant<N> {
         } else {
             SVector::zeros()
         };
+        let surfaces = Surfaces::new(options);
         let smooth = Smooth {
             model,
             viscous,
-            surfaces: Surfaces::new(options),
+            surfaces,
         };
         let tick_s = 1.0 / f64::from(rate_hz);
         let back_end = match options.model {

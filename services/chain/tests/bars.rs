@@ -154,7 +154,7 @@ fn a_hand_wipes_with_the_force_asked_for_through_the_wrists_lock() {
         let name = "wipe-through-wrist-lock";
         let scenario = Scenario::parse(name, sim::scenarios::text(name).unwrap(), &settings);
         let (verdict, _) = judged(&robot, &scenario.unwrap());
-        let force = verdict.force.as_ref().unwrap();
+        let force = verdict.task.force.as_ref().unwrap();
         println!("{settings:?}: {force:?}");
         assert!(verdict.completed && verdict.singularities[1].s_min < 1e-3);
         assert!(force.rms_n < bar && force.lift_off_ticks == 0, "{force:?}");

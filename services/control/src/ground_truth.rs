@@ -40,7 +40,7 @@ pub trait GroundTruth: std::fmt::Debug {
     /// The desired motion of E at a place, where the clock runs at `rate`, 0 to 1; `None` in a steered run.
     fn desired(&self, place: &Progress, rate: f64) -> Option<PoseMotion>;
 
-    /// The force that the leg at a place asks for, and how the true contact answers it; `None` where it asks for none.
+    /// The force that the leg at a place asks for, and how the true contact and pose answer it; `None` where it asks for none.
     fn force(&self, place: &Progress, truth: &PlantState) -> Option<Contact>;
 
     /// The demand of the leg at this index on the posture, beside the pose, and how the true posture meets it.
@@ -74,6 +74,8 @@ pub struct Contact {
     pub newtons: f64,
     /// The force with which the hand presses in the direction asked for, N.
     pub pressed_n: f64,
+    /// The error of position across that direction, mm.
+    pub across_mm: f64,
     /// The share of the direction, 0 to 1, that lies along lost ones: the structure bears it.
     pub borne: f64,
 }
@@ -201,6 +203,7 @@ impl<const N: usize> GroundTruth for Truth<N> {
         Some(Contact {
             newtons: force.newtons,
             pressed_n: -e.dot(&Vector3::from(truth.contact_force_n)),
+            across_mm: 1e3 * linear::linear(&self.error(place, truth)).norm(),
             borne: (whole - self.orthogonal(&whole)).norm(),
         })
     }

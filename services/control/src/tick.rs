@@ -96,7 +96,9 @@ fn tick<const N: usize>(
 ) -> Result<(State<N>, Command<N>), Refusal> {
     let mut state = *before;
     let mut motion = reference::motion(setup, &mut state, now);
-    force::step(setup, &mut state, now, &mut motion)?;
+    if !setup.forces.are_none() {
+        force::step(setup, &mut state, now, &mut motion)?;
+    }
     let rows = singular_rows::engaged(setup, &mut state, now, &motion)?;
     let torques = law::torques(setup, &mut state, now, &motion, &rows)?;
     let limited = limits::apply(setup, &mut state, now, &motion, &torques)?;

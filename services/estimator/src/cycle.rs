@@ -1,7 +1,7 @@
 //! The estimator's pure step: encoder samples to positions, velocities and unexplained torque.
 
 use crate::disturbance::{Disturbance, Unexplained};
-use model::{LastTerms, Model, ModelError, Robot, joints, padded};
+use model::{LastTerms, Model, ModelError, Robot, Terms, joints, padded};
 use nalgebra::{SVector, Vector3};
 use process::{Damaged, Flow, Inputs, Outputs, Port, Process, Scratch, Snapshot};
 use shared_types::codes::DRIVE_BRAKED;
@@ -199,6 +199,21 @@ impl<const N: usize> Process for Cycle<N> {
     }
 }
 
+/// The torque that moves the arm: the drives', and that of the contact which the wrist's sensor feels, N·m.
+fn driving<const N: usize>(
+    terms: &Terms<N>,
+    sample: &SensorSample,
+    wrist: Option<&WristForce>,
+) -> SVector<f64, N> {
+    let tau = joints(&sample.tau_drive);
+    wrist.map_or(tau, |wrist| {
+        tau + terms
+            .J
+            .fixed_rows::<3>(0)
+            .tr_mul(&Vector3::from(wrist.force_n))
+    })
+}
+
 impl<const N: usize> Cycle<N> {
     /// The estimate at the sample's tick. The model's terms of it are left in `scratch`.
     fn estimate(
@@ -211,17 +226,11 @@ impl<const N: usize> Cycle<N> {
     ) {
         let last = scratch.of(|| LastTerms::of(&self.model));
         let mut measured = joints::<N>(&sample.q_encoder);
-        let mut tau = joints(&sample.tau_drive);
-        // What the sensor feels is no disturbance.
-        if let (Some(wrist), Some(state)) = (wrist, &known.0) {
-            let J = &last.at(&self.model, &state.q, &state.qdot).J;
-            tau += J.fixed_rows::<3>(0).tr_mul(&Vector3::from(wrist.force_n));
-        }
         let tick = sample.header.tick;
         let elapsed = known.elapsed(tick) * self.T;
         let mut predicted = match &known.0 {
             None => State::begin(tick, measured),
-            Some(state) => self.reach(state, last, sample, &measured, &tau),
+            Some(state) => self.reach(state, last, sample, wrist, &measured),
         };
         (predicted.tick, predicted.ticks) = (tick, predicted.ticks.saturating_add(1));
         for i in 0..N {
@@ -297,8 +306,8 @@ impl<const N: usize> Cycle<N> {
         state: &State<N>,
         last: &mut LastTerms<N>,
         sample: &SensorSample,
+        wrist: Option<&WristForce>,
         measured: &SVector<f64, N>,
-        tau: &SVector<f64, N>,
     ) -> State<N> {
         let (tick, drive) = (sample.header.tick, sample.drive);
         let gap = tick.saturating_sub(state.tick).max(1);
@@ -342,6 +351,7 @@ impl<const N: usize> Cycle<N> {
             };
         }
         let terms = last.at(&self.model, &state.q, &state.qdot);
+        let tau = &driving(terms, sample, wrist);
         let first = self.predict(state, terms.qddot(tau), tau);
         (1..gap).fold(first, |state, _| {
             self.predict(

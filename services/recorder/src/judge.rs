@@ -19,16 +19,16 @@ mod turns;
 
 use control::{GroundTruth, free_axis, ground_truth};
 use model::{Refused, Robot};
+use shared_types::SensorSample;
 use shared_types::bounds::{larger, within};
 use shared_types::codes;
 use shared_types::graph::Graph;
 use shared_types::scenario::{Goal, Scenario};
 use shared_types::summary::{BOUNDARY, MISSED, Pace, REACHED, Summary, TaskSummary};
-use shared_types::{SensorSample, WristForce};
 
 pub use bars::Bounds;
 use chatter::Clock;
-use force::ForceMeter;
+use force::unkept;
 use joints::JointMeter;
 use latency::{Chain, LatencyMeter};
 use path::PathMeter;
@@ -64,7 +64,6 @@ pub struct Judge {
     singularities: SingularityMeter,
     turns: TurnMeter,
     steered: SteeredMeter,
-    force: ForceMeter,
     latency: LatencyMeter,
     events: Vec<(u64, String)>,
     /// Whether the controller has reported a goal beyond reach, and whether the errors of the newest tick are along ζ alone.
@@ -137,7 +136,6 @@ impl Judge {
             singularities: SingularityMeter::default(),
             turns: TurnMeter::default(),
             steered: SteeredMeter::default(),
-            force: ForceMeter::default(),
             latency: LatencyMeter::new(Chain::default()),
             events: Vec::new(),
             clipped: false,
@@ -189,16 +187,9 @@ impl Judge {
             tick.truth,
             bound_mm,
         );
-        if let Some(place) = self.path.place() {
-            // One of this tick: without a sensor the place of its message is empty.
-            let is_of_now = |wrist: &WristForce| k > 0 && wrist.header.tick == k;
-            let felt = (tick.truth, tick.wrist.is_some_and(is_of_now));
-            let dt_s = 1.0 / self.rate_hz;
-            self.force.tick(truth, &place, felt, &error, dt_s);
-        }
-        if !self.force.has_begun {
-            self.task.touch(tick.truth);
-        }
+        let place = self.path.place();
+        self.task
+            .touch(&tick, truth, place.as_ref(), 1.0 / self.rate_hz);
         let clock = Clock {
             tick: k,
             rate_hz: self.rate_hz,
@@ -275,17 +266,6 @@ impl Judge {
             }
             _ => ("stopped", stopped),
         };
-        let force = self.force.finish();
-        let unkept = force
-            .as_ref()
-            .and_then(|force| force::unkept(force, &self.goal));
-        let outcome = match unkept {
-            Some(why) if completed => {
-                reason = format!("{why}; {reason}");
-                MISSED
-            }
-            _ => outcome,
-        };
         let singularities = &self.singularities;
         let is_orthogonal_missed = completed && !is_orthogonal_kept(&task, &self.goal);
         task.causes = causes(singularities, is_orthogonal_missed, beyond);
@@ -317,7 +297,6 @@ impl Judge {
             singularities,
             turns: self.turns.finish(),
             modes,
-            force,
             servo: self.steered.finish(self.rate_hz),
             latency_us: self.latency.summary(),
             ..Summary::default()
@@ -410,7 +389,9 @@ fn done(
     let asked = ends.iter().filter(|_| !beyond.at_end);
     let asked = asked.chain(along.iter().chain(&across).filter(|_| is_judged));
     let missed = asked.filter(|bar| !within(bar.value, bar.bound));
-    let missed: Vec<String> = missed.map(|bar| bar.told(", allowed")).collect();
+    let force = task.force.as_ref().and_then(|force| unkept(force, goal));
+    let missed = missed.map(|bar| bar.told(", allowed"));
+    let missed: Vec<String> = force.into_iter().chain(missed).collect();
     let kept = ends.iter().filter(|bar| bar.is_judged());
     let kept: Vec<String> = kept.map(|bar| bar.told(" of")).collect();
     if !missed.is_empty() {

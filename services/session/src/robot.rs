@@ -25,12 +25,6 @@ pub fn mode_of(plant: Option<&str>) -> Mode {
 /// # Errors
 /// [`Failure::Input`] if `plant` is neither, it cannot be had, or another program makes the ticks.
 pub(crate) fn put_in(loaded: &mut Loaded, plant: &str) -> Result<(), Failure> {
-    let scenario = &loaded.scenario;
-    if scenario.presses() || !scenario.plant.surface.is_empty() {
-        return Err(Failure::Input(format!(
-            "--plant {plant}: only armplane's own plant has surfaces and a sensor at the wrist; leave out --plant, or `force` and `plant.surface`"
-        )));
-    }
     let mut processes = loaded.graph.process.iter_mut();
     let world = processes.find(|process| process.role() == Role::World);
     let world = world.filter(|process| !process.is_of_others());
@@ -46,6 +40,11 @@ pub(crate) fn put_in(loaded: &mut Loaded, plant: &str) -> Result<(), Failure> {
     }
     let address: Address = plant.parse().map_err(Failure::Input)?;
     process.robot = address.to_string();
+    if loaded.scenario.presses() {
+        return Err(Failure::Input(format!(
+            "--plant {plant}: the robot's own estimate of a force is not read; leave out `force`"
+        )));
+    }
     Ok(())
 }
 

@@ -52,7 +52,7 @@ impl fmt::Display for RunText<'_> {
         if summary.ticks > 0 {
             errors(f, summary)?;
             loads(f, summary, is_long)?;
-            if let Some(force) = &summary.force {
+            if let Some(force) = &summary.task.force {
                 pressed(f, force)?;
             }
             if let Some(servo) = &summary.servo {

@@ -127,12 +127,18 @@ impl Forces {
             let (axis, of_tool) = force.direction()?;
             Some((force.clone(), axis.into(), of_tool))
         };
+        if !scenario.presses() {
+            return Self::default();
+        }
         let segments = scenario.segment.iter();
-        Self(
-            segments
-                .map(|one| one.force.as_ref().and_then(force))
-                .collect(),
-        )
+        let forces = segments.map(|one| one.force.as_ref().and_then(force));
+        Self(forces.collect())
+    }
+
+    /// Whether no segment has a force.
+    #[inline]
+    pub(crate) fn are_none(&self) -> bool {
+        self.0.is_empty()
     }
 
     /// The force of a leg, and its direction for a hand that is turned by `R_BE`.
@@ -162,25 +168,23 @@ impl Forces {
         }
     }
 
-    /// The desired motion of E with the surface's motion along e in place of the path's.
-    pub(crate) fn freed<const N: usize>(
+    /// Puts the surface's motion along e in place of the path's into the desired motion of E.
+    #[inline(never)]
+    pub(crate) fn free<const N: usize>(
         &self,
         leg: usize,
-        desired: PoseMotion,
-        terms: &Terms<N>,
-        qdot: &SVector<f64, N>,
-    ) -> PoseMotion {
+        desired: &mut PoseMotion,
+        now: &Now<'_, N>,
+    ) {
+        let Now { terms, qdot, .. } = *now;
         let Some((_, e)) = self.at(leg, &terms.X_BE.R) else {
-            return desired;
+            return;
         };
         let along = |x: Vector3<f64>| stack(&(e * e.dot(&x)), &Vector3::zeros());
         let V = terms.J * qdot;
-        PoseMotion {
-            p: desired.p + e * e.dot(&(terms.X_BE.p - desired.p)),
-            V: desired.V + along(linear(&(V - desired.V))),
-            a: desired.a - along(linear(&desired.a)),
-            ..desired
-        }
+        desired.p += e * e.dot(&(terms.X_BE.p - desired.p));
+        desired.V += along(linear(&(V - desired.V)));
+        desired.a -= along(linear(&desired.a));
     }
 
     /// The share of a pose error that is the path's: not that along e.
@@ -246,6 +250,7 @@ fn pressing_row<const N: usize>(terms: &Terms<N>, e: &Vector3<f64>) -> SVector<f
 /// # Errors
 /// [`Refusal::Contact`] where within reach or in time nothing presses back with the force asked for; [`Refusal::Singular`] of a mass matrix that has no
 /// inverse.
+#[inline(never)]
 pub(crate) fn step<const N: usize>(
     setup: &Setup<N>,
     state: &mut State<N>,
@@ -303,15 +308,10 @@ impl Pressing {
         tuning: &Tuning,
         dt: f64,
     ) -> Result<f64, Refusal> {
-        let Tuning {
-            omega,
-            omega_o,
-            felt_s,
-        } = *tuning;
         if self.leg != leg + 1 {
             self.begin(leg, felt);
         }
-        self.felt_n += (felt.force_n - self.felt_n) * dt / (felt_s + dt);
+        self.felt_n += (felt.force_n - self.felt_n) * dt / (tuning.felt_s + dt);
         self.change(force, felt, dt);
         let is_touching = matches!(self.stage, Stage::Rising | Stage::Moving);
         if self.stage != Stage::Moving {
@@ -322,21 +322,22 @@ impl Pressing {
             return Err(Refusal::Contact);
         }
         if !is_touching {
-            return Ok(2.0 * omega * (force.approach_m_s - felt.speed));
+            return Ok(2.0 * tuning.omega * (force.approach_m_s - felt.speed));
         }
         let rise = force.newtons / force.ramp_s * dt;
         self.set_n += (force.newtons - self.set_n).clamp(-rise, rise);
         let apart = felt.force_n / force.stiffness_n_m - self.depth_m;
+        let omega_o = tuning.omega_o;
         self.depth_m += (felt.speed - self.surface_speed + 2.0 * omega_o * apart) * dt;
         self.surface_speed -= omega_o * omega_o * apart * dt;
         let most = force.approach_m_s;
-        let v = 0.5 * omega * (self.set_n - felt.force_n) / force.stiffness_n_m;
+        let v = 0.5 * tuning.omega * (self.set_n - felt.force_n) / force.stiffness_n_m;
         let within = (v + self.integral).clamp(-most, most);
         // Where the bound acts, the error is not the integral's to mend.
         if within == v + self.integral {
             self.integral += INTEGRAL * v * dt;
         }
-        Ok(2.0 * omega * (within + self.surface_speed - felt.speed))
+        Ok(2.0 * tuning.omega * (within + self.surface_speed - felt.speed))
     }
 
     /// −JᵀF: what bears the contact that the wrist's sensor measures; N·m. `None`: there is none.

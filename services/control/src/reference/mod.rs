@@ -52,10 +52,8 @@ pub(crate) fn motion<const N: usize>(
     now: &Now<'_, N>,
 ) -> Motion<N> {
     let (path, guide, before) = (&setup.path, &setup.guide, state.progress.leg);
-    let X_BE = &now.terms.X_BE;
-    setup
-        .forces
-        .advance(path, &mut state.progress, 0.0, now.report, X_BE);
+    let (forces, X_BE) = (&setup.forces, &now.terms.X_BE);
+    forces.advance(path, &mut state.progress, 0.0, now.report, X_BE);
     if state.progress.leg != before {
         state.turn = Turn::none();
     }
@@ -75,13 +73,13 @@ pub(crate) fn motion<const N: usize>(
     };
     let place = path.place(&state.progress);
     let on_path = place.moving(clock * time_rate, state.clock.rate_dot * time_rate);
-    let desired_E = served(PoseMotion {
+    let mut desired_E = served(PoseMotion {
         a: on_path.a + state.targets.a * clock,
         ..on_path
     });
-    let desired_E = setup
-        .forces
-        .freed(state.progress.leg, desired_E, now.terms, now.qdot);
+    if !forces.are_none() {
+        forces.free(state.progress.leg, &mut desired_E, now);
+    }
     let turn_error = rotation_error(&desired_E.R, &now.terms.X_BE.R, free.as_ref());
     let desired = desired_E.at(now.p_EC);
     let at_C = [stack(&(desired.p - now.at.p), &turn_error), desired.V - V];

@@ -1,12 +1,12 @@
 //! Forces of the hand, by the simulator's true contact.
 
 use control::{Contact, GroundTruth, Progress};
-use shared_types::PlantState;
+use shared_types::WristForce;
 use shared_types::bounds::{larger, within};
 use shared_types::scenario::Goal;
 use shared_types::summary::ForceSummary;
 
-use super::task::TaskError;
+use super::tick::Tick;
 
 /// Gathers the figures of the segments with a force.
 #[derive(Debug, Default)]
@@ -19,48 +19,41 @@ pub(super) struct ForceMeter {
 }
 
 impl ForceMeter {
-    /// Takes in a tick at a place of the path, with its error; `dt_s`: length of a tick.
+    /// Takes in a tick at a place of the path; `dt_s`: length of a tick.
     pub(super) fn tick(
         &mut self,
+        tick: &Tick<'_>,
         truth: &dyn GroundTruth,
         place: &Progress,
-        (state, has_sensor): (&PlantState, bool),
-        error: &TaskError,
         dt_s: f64,
     ) {
+        let state = tick.truth;
         let Some(contact) = truth.force(place, state) else {
             return;
         };
         self.has_begun = true;
-        self.has_sensor |= has_sensor;
+        // Without a sensor the place of its message is empty.
+        let now = state.header.tick;
+        let is_of_now = |wrist: &WristForce| now > 0 && wrist.header.tick == now;
+        self.has_sensor |= tick.wrist.is_some_and(is_of_now);
         // The path waits at the segment's beginning, within a tick of it, until the force has come about.
-        self.take(
-            &contact,
-            place.time_s >= dt_s,
-            state.contacts > 0,
-            error.position[0],
-        );
+        self.take(&contact, place.time_s >= dt_s, state.contacts > 0);
     }
 
-    fn take(&mut self, contact: &Contact, moves: bool, touches: bool, across_mm: f64) {
-        let Contact {
-            newtons,
-            pressed_n,
-            borne,
-        } = *contact;
+    fn take(&mut self, contact: &Contact, moves: bool, touches: bool) {
         let one = &mut self.summary;
-        one.newtons = larger(one.newtons, newtons);
-        one.borne_max = larger(one.borne_max, borne);
+        one.newtons = larger(one.newtons, contact.newtons);
+        one.borne_max = larger(one.borne_max, contact.borne);
         if !moves {
             one.approach_ticks += 1;
-            one.impact_max_n = larger(one.impact_max_n, pressed_n);
+            one.impact_max_n = larger(one.impact_max_n, contact.pressed_n);
             return;
         }
-        let error = (pressed_n - newtons).abs();
+        let error = (contact.pressed_n - contact.newtons).abs();
         one.ticks += 1;
         one.error_max_n = larger(one.error_max_n, error);
         one.lift_off_ticks += u64::from(!touches);
-        one.tangential_max_mm = larger(one.tangential_max_mm, across_mm);
+        one.tangential_max_mm = larger(one.tangential_max_mm, contact.across_mm);
         self.square_sum += error * error;
     }
 
@@ -81,19 +74,12 @@ impl ForceMeter {
 
 /// The defect of a force, in words; `None`: it was kept.
 pub(super) fn unkept(force: &ForceSummary, goal: &Goal) -> Option<String> {
-    let ForceSummary {
-        newtons,
-        rms_n,
-        lift_off_ticks,
-        ..
-    } = *force;
-    if lift_off_ticks > 0 {
-        return Some(format!(
-            "the hand lost its contact for {lift_off_ticks} ticks"
-        ));
+    if force.lift_off_ticks > 0 {
+        let ticks = force.lift_off_ticks;
+        return Some(format!("the hand lost its contact for {ticks} ticks"));
     }
-    (!within(rms_n, goal.force_n)).then(|| {
-        let bound = goal.force_n;
+    let (rms_n, newtons, bound) = (force.rms_n, force.newtons, goal.force_n);
+    (!within(rms_n, bound)).then(|| {
         format!("force of {newtons} N off by {rms_n:.3} N (root mean square), allowed {bound} N")
     })
 }
@@ -112,9 +98,10 @@ mod tests {
             let contact = Contact {
                 newtons: 10.0,
                 pressed_n,
+                across_mm: 0.3,
                 borne: 0.0,
             };
-            meter.take(&contact, moves, touches, 0.3);
+            meter.take(&contact, moves, touches);
         };
         tick(0.0, false, false);
         tick(14.0, false, true);

@@ -1,11 +1,11 @@
 //! Errors of the task: desired against true pose.
 
-use control::GroundTruth;
+use control::{GroundTruth, Progress};
 use nalgebra::{Matrix3, Vector3, Vector6};
-use shared_types::PlantState;
 use shared_types::bounds::larger;
 use shared_types::summary::TaskSummary;
 
+use super::force::ForceMeter;
 use super::tick::Tick;
 
 /// Desired against true pose at one tick.
@@ -65,6 +65,7 @@ fn matrix(columns: &[f64; 9]) -> Matrix3<f64> {
 pub(super) struct TaskMeter {
     summary: TaskSummary,
     position_square_sum: f64,
+    force: ForceMeter,
     ticks: u64,
     /// The first tick of a contact.
     contact_since: Option<u64>,
@@ -97,12 +98,23 @@ impl TaskMeter {
         self.ticks += 1;
     }
 
-    /// Takes in whether the arm touches anything.
-    pub(super) fn touch(&mut self, truth: &PlantState) {
-        if truth.contacts > 0 {
-            let (force, task) = (Vector3::from(truth.contact_force_n), &mut self.summary);
+    /// Takes in whether the arm touches anything, at this place of its path; `dt_s`: length of a tick.
+    pub(super) fn touch(
+        &mut self,
+        tick: &Tick<'_>,
+        truth: &dyn GroundTruth,
+        place: Option<&Progress>,
+        dt_s: f64,
+    ) {
+        let state = tick.truth;
+        if let Some(place) = place {
+            self.force.tick(tick, truth, place, dt_s);
+        }
+        // From the first segment with a force on, a contact is no surprise.
+        if state.contacts > 0 && !self.force.has_begun {
+            let (force, task) = (Vector3::from(state.contact_force_n), &mut self.summary);
             task.contact_ticks += 1;
-            self.contact_since.get_or_insert(truth.header.tick);
+            self.contact_since.get_or_insert(state.header.tick);
             task.contact_max_n = larger(task.contact_max_n, force.norm());
         }
     }
@@ -130,6 +142,7 @@ impl TaskMeter {
             self.summary.position_rms_mm = (self.position_square_sum / self.ticks as f64).sqrt();
             self.summary.time_stretch = ticks as f64 / planned_ticks.max(1.0);
         }
+        self.summary.force = self.force.finish();
         self.summary
     }
 }

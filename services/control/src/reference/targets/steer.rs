@@ -79,8 +79,7 @@ impl<const N: usize> Controller<N> {
             rank: inputs.report.rank,
             ..targets.analyzer.listed(&q_r, &qdot_r, &reference)
         };
-        let dt = self.setup.scenario.dt_s();
-        let given = (inputs.target, targets.dof);
+        let (dt, given) = (self.setup.scenario.dt_s(), (inputs.target, targets.dof));
         let held = &mut self.state.targets;
         held.take(given, inputs.tick, session.duration_s, dt);
         let behind = reference.X_BE.p - terms.X_BE.p;
