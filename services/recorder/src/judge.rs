@@ -50,12 +50,7 @@ const MOST_EVENTS: usize = 64;
 #[derive(Debug)]
 pub struct Judge {
     truth: Box<dyn GroundTruth>,
-    goal: Goal,
-    planned_ticks: f64,
-    rate_hz: f64,
-    k_v: f64,
-    /// Of a steered run: the tick with which the repetition of an interrupted session is over; 0 for none.
-    session_ticks: Option<u64>,
+    asked: Wanted,
     ticks: u64,
     path: PathMeter,
     task: TaskMeter,
@@ -66,15 +61,33 @@ pub struct Judge {
     steered: SteeredMeter,
     latency: LatencyMeter,
     events: Vec<(u64, String)>,
-    /// Whether the controller has reported a goal beyond reach, and whether the errors of the newest tick are along ζ alone.
+    end: Newest,
+}
+
+/// What the scenario asks for.
+#[derive(Debug)]
+struct Wanted {
+    goal: Goal,
+    planned_ticks: f64,
+    rate_hz: f64,
+    k_v: f64,
+    /// Of a steered run: the tick with which the repetition of an interrupted session is over; 0 for none.
+    session_ticks: Option<u64>,
+    /// A part of the segments' orientations that the judge does not ask for, as a clause.
+    unasked: Option<String>,
+}
+
+/// The task at the newest tick, which may be the last.
+#[derive(Debug, Default)]
+struct Newest {
+    /// Whether the controller has reported a goal beyond reach, in this tick or before.
     clipped: bool,
+    /// Whether the errors are along ζ alone.
     is_at_boundary: bool,
     /// Distance from the path's end where the controller has refused to go on, mm, °.
     left: [f64; 2],
     phase: u32,
     refusal: u32,
-    /// A part of the segments' orientations that the judge does not ask for, as a clause.
-    unasked: Option<String>,
 }
 
 /// The judge's findings: the part of a run's summary that follows from its ticks; the rest is empty. Every limit that a joint reached and every hold
@@ -89,18 +102,17 @@ impl Judge {
     pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, Refused> {
         let truth = ground_truth(robot, scenario)?;
         let rate_hz = f64::from(scenario.rate_hz);
-        Ok(Self {
-            path: PathMeter::new(truth.as_ref(), rate_hz, scenario.settle_s),
+        let asked = Wanted {
+            goal: scenario.goal.clone(),
+            planned_ticks: scenario.planned_ticks() as f64,
             rate_hz,
             k_v: scenario.control.k_v,
             session_ticks: scenario.servo.as_ref().map(|session| session.ticks),
             unasked: unasked(robot, scenario),
-            ..Self::of(
-                truth,
-                Limits::of(robot),
-                scenario.goal.clone(),
-                scenario.planned_ticks() as f64,
-            )
+        };
+        Ok(Self {
+            path: PathMeter::new(truth.as_ref(), rate_hz, scenario.settle_s),
+            ..Self::of(truth, Limits::of(robot), asked)
         })
     }
 
@@ -119,16 +131,12 @@ impl Judge {
         })
     }
 
-    /// A judge at 1000 ticks per second by this truth.
-    fn of(truth: Box<dyn GroundTruth>, limits: Limits, goal: Goal, planned_ticks: f64) -> Self {
+    /// A judge by this truth, without a path.
+    fn of(truth: Box<dyn GroundTruth>, limits: Limits, asked: Wanted) -> Self {
         Self {
             path: PathMeter::default(),
             truth,
-            goal,
-            planned_ticks,
-            rate_hz: 1000.0,
-            k_v: 1.0,
-            session_ticks: None,
+            asked,
             ticks: 0,
             task: TaskMeter::default(),
             reach: ReachMeter::default(),
@@ -138,12 +146,7 @@ impl Judge {
             steered: SteeredMeter::default(),
             latency: LatencyMeter::new(Chain::default()),
             events: Vec::new(),
-            clipped: false,
-            is_at_boundary: false,
-            left: [0.0; 2],
-            phase: 0,
-            refusal: 0,
-            unasked: None,
+            end: Newest::default(),
         }
     }
 
@@ -172,14 +175,14 @@ impl Judge {
         let error = TaskError::split(truth, &whole);
         let switches = self
             .singularities
-            .tick(&tick, &error, &self.goal, &mut event);
+            .tick(&tick, &error, &self.asked.goal, &mut event);
         self.turns.tick(&tick, self.joints.count());
         tick.servo
             .into_iter()
             .for_each(|state| self.steered.tick(state));
         let is_beyond = truth.is_beyond(&whole);
         self.task.tick(&error, is_beyond);
-        let bound_mm = beyond_bound(&self.goal);
+        let bound_mm = beyond_bound(&self.asked.goal);
         self.reach.tick(
             error.position[0],
             is_beyond,
@@ -189,27 +192,27 @@ impl Judge {
         );
         let place = self.path.place();
         self.task
-            .touch(&tick, truth, place.as_ref(), 1.0 / self.rate_hz);
+            .touch(&tick, truth, place.as_ref(), 1.0 / self.asked.rate_hz);
         let clock = Clock {
             tick: k,
-            rate_hz: self.rate_hz,
-            k_v: self.k_v,
+            rate_hz: self.asked.rate_hz,
+            k_v: self.asked.k_v,
         };
         self.joints.tick(&tick, truth, clock, switches, &mut event);
         self.latency.measure_hops(tick.torque);
         self.latency.measure_chain(tick.sensor);
-        if tick.control.clipped != 0 && !self.clipped {
+        if tick.control.clipped != 0 && !self.end.clipped {
             event(
                 "the goal is beyond reach: it is clipped to the boundary from here on".to_owned(),
             );
         }
-        self.clipped |= tick.control.clipped != 0;
-        self.is_at_boundary = is_at_boundary(&error, &self.goal);
-        (self.phase, self.refusal) = (tick.torque.phase, tick.control.refusal);
-        if self.phase == codes::PHASE_REFUSED {
+        self.end.clipped |= tick.control.clipped != 0;
+        self.end.is_at_boundary = is_at_boundary(&error, &self.asked.goal);
+        (self.end.phase, self.end.refusal) = (tick.torque.phase, tick.control.refusal);
+        if self.end.phase == codes::PHASE_REFUSED {
             let left = self.path.left(self.truth.as_ref(), tick.truth);
             let split = left.map(|left| TaskError::split(self.truth.as_ref(), &left));
-            self.left = split.map_or([0.0; 2], |left| [left.position[0], left.orientation[0]]);
+            self.end.left = split.map_or([0.0; 2], |left| [left.position[0], left.orientation[0]]);
         }
         self.ticks += 1;
         error
@@ -228,10 +231,10 @@ impl Judge {
 
     /// Why the task has not come to its end, and how far from it the arm is.
     fn stopped(&self) -> String {
-        match self.phase {
+        match self.end.phase {
             codes::PHASE_REFUSED => {
-                let why = codes::name_of(codes::REFUSALS, self.refusal);
-                let [mm, deg] = self.left;
+                let why = codes::name_of(codes::REFUSALS, self.end.refusal);
+                let [mm, deg] = self.end.left;
                 format!(
                     "the controller refused to go on and brought the arm to rest {mm:.1} mm and {deg:.1}° from the path's end: {why}"
                 )
@@ -245,40 +248,49 @@ impl Judge {
 
     /// The findings.
     pub fn verdict(self) -> Verdict {
-        let completed = self.phase == codes::PHASE_DONE;
+        let completed = self.end.phase == codes::PHASE_DONE;
         let breach = self.path.breach(self.truth.as_ref(), completed);
         let (is_done, stopped) = (breach.is_none(), self.stopped());
         let (mut along, contact) = (self.task.along(), self.task.clause());
-        let mut task = self.task.finish(self.ticks, self.planned_ticks);
+        let mut task = self.task.finish(self.ticks, self.asked.planned_ticks);
         let mut beyond = self.reach.finish(self.truth.as_ref());
-        beyond.at_end &= self.is_at_boundary;
+        beyond.at_end &= self.end.is_at_boundary;
         // A steered run has no path whose reach could be asked, and its reference leads the hand a little: its end counts.
-        if self.session_ticks.is_some() && !beyond.at_end {
+        if self.asked.session_ticks.is_some() && !beyond.at_end {
             beyond = Beyond::default();
         }
         along[0] = larger(along[0], beyond.within_mm);
         (task.beyond_max_mm, task.beyond_ticks) = (beyond.most_mm, beyond.ticks);
-        let (outcome, mut reason) = match (self.phase, breach) {
+        let (outcome, mut reason) = match (self.end.phase, breach) {
             (codes::PHASE_DONE, Some(breach)) => (MISSED, breach),
             (codes::PHASE_DONE, None) => {
                 let has_broken_a_limit = self.joints.has_broken_a_limit();
-                done(&task, &self.goal, along, beyond, has_broken_a_limit)
+                done(&task, &self.asked.goal, along, beyond, has_broken_a_limit)
             }
             _ => ("stopped", stopped),
         };
         let singularities = &self.singularities;
-        let is_orthogonal_missed = completed && !is_orthogonal_kept(&task, &self.goal);
+        let is_orthogonal_missed = completed && !is_orthogonal_kept(&task, &self.asked.goal);
         task.causes = causes(singularities, is_orthogonal_missed, beyond);
         let clauses = singularities.clauses().chain(singularities.ends());
-        let others = self.joints.clauses().chain(contact).chain(self.unasked);
+        let others = self
+            .joints
+            .clauses()
+            .chain(contact)
+            .chain(self.asked.unasked);
         for clause in clauses.chain(others) {
             reason.push_str("; ");
             reason.push_str(&clause);
         }
         let (singularities, modes) = self.singularities.finish();
         let joints = self.joints.finish();
-        let is_over = completed || self.ticks > 0 && self.session_ticks == Some(self.ticks);
-        bars::judge(&mut task, &joints, (is_over, is_done), 1.0 / self.rate_hz);
+        let is_over = completed || self.ticks > 0 && self.asked.session_ticks == Some(self.ticks);
+        bars::judge(
+            &mut task,
+            &joints,
+            (is_over, is_done),
+            1.0 / self.asked.rate_hz,
+        );
         let wall_s = self.latency.wall_s();
         Summary {
             ticks: self.ticks,
@@ -297,7 +309,7 @@ impl Judge {
             singularities,
             turns: self.turns.finish(),
             modes,
-            servo: self.steered.finish(self.rate_hz),
+            servo: self.steered.finish(self.asked.rate_hz),
             latency_us: self.latency.summary(),
             ..Summary::default()
         }

@@ -10,7 +10,7 @@ use shared_types::topics::{ByTopic, Whole};
 use shared_types::{PlantState, SingularityReport, SingularityState};
 
 use super::latency::Span;
-use super::{Judge, Limits, Tick};
+use super::{Judge, Limits, Tick, Wanted};
 
 const IDENTITY: [f64; 9] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
 
@@ -73,6 +73,18 @@ impl GroundTruth for Reported {
     }
 }
 
+/// The usual goal, at 1000 ticks per second.
+fn asked(planned_ticks: f64) -> Wanted {
+    Wanted {
+        goal: Goal::default(),
+        planned_ticks,
+        rate_hz: 1000.0,
+        k_v: 1.0,
+        session_ticks: None,
+        unasked: None,
+    }
+}
+
 fn limits() -> Limits {
     let names = (1..=6).map(|i| format!("joint{i}")).collect();
     Limits {
@@ -87,7 +99,7 @@ fn limits() -> Limits {
 }
 
 fn judged(ticks: u64, shape: impl Fn(u64, &mut ByTopic<Whole>)) -> Summary {
-    let mut judge = Judge::of(Reported::truth(), limits(), Goal::default(), ticks as f64);
+    let mut judge = Judge::of(Reported::truth(), limits(), asked(ticks as f64));
     for k in 0..ticks {
         let mut m = upright(k);
         m.torque.phase = if k + 1 == ticks {
@@ -269,7 +281,7 @@ fn on_a_grid_latencies_count_from_the_due_time_and_skipped_points_count_too() {
         [10_000, 11_200, 14_000, 15_000],
         [0, 10_500, 13_500, 13_500],
     );
-    let mut judge = Judge::of(Reported::truth(), limits(), Goal::default(), 4.0).on_grid(MS);
+    let mut judge = Judge::of(Reported::truth(), limits(), asked(4.0)).on_grid(MS);
     for k in 0..4 {
         let mut m = upright(k as u64);
         let stamps = &mut m.sensor.header.stamps;
@@ -337,7 +349,7 @@ fn nan_misses_the_goal() {
 
 #[test]
 fn every_limit_is_in_the_summary_and_in_the_events() {
-    let mut judge = Judge::of(Reported::truth(), limits(), Goal::default(), 10.0);
+    let mut judge = Judge::of(Reported::truth(), limits(), asked(10.0));
     for k in 0..10 {
         let mut m = upright(k);
         m.torque.phase = codes::PHASE_DONE;
