@@ -25,6 +25,9 @@ const FAR: f64 = 1.5;
 /// A measured rate beyond the largest one by this factor is an outlier: a loop that begins there returns from it at its own slew only.
 const FASTEST: f64 = 4.0;
 
+/// Largest change of a planned rate over that of a coordinate without plan.
+const PLANNED_SLEW: f64 = 4.0;
+
 /// Error along ζ that counts as gone, m or rad.
 const GONE: f64 = 5e-6;
 
@@ -39,6 +42,18 @@ pub struct Gains {
     pub rate_max: f64,
     /// Largest change of rate, rad/s².
     pub slew: f64,
+}
+
+impl Gains {
+    /// Those of a coordinate with a planned rate: its schedule keeps the joints' limits, and the bounds are for the correction beside it.
+    #[must_use]
+    pub fn beside(self, rate: f64) -> Self {
+        Self {
+            rate_max: self.rate_max + rate.abs(),
+            slew: PLANNED_SLEW * self.slew,
+            ..self
+        }
+    }
 }
 
 /// The state of the loop at one singularity.

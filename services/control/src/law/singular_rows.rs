@@ -97,6 +97,7 @@ pub(crate) fn engaged<const N: usize>(
             clips: motion.clips,
         };
         let target = target(setup, state, i, s, &situation, (now, motion))?;
+        let gains = motion.planned.map_or(gains, |_| gains.beside(target.rate));
         let one = &mut state.loops[i];
         let is_hard = control.strategy == Strategy::ChangKhatib;
         let demand = one.step(s, &target, &gains, is_hard, (motion.clock, dt_s));
@@ -124,12 +125,12 @@ pub(crate) fn engaged<const N: usize>(
     Ok(out)
 }
 
-/// The load of one singularity on the clock: its loop's own, and the wait for a planned coordinate.
+/// The load of one singularity on the clock: its loop's own, or the wait for a planned coordinate.
 fn load<const N: usize>(demand: &Demand, error: f64, is_planned: bool, passes: bool) -> f64 {
-    let planned = if is_planned {
+    let own = if is_planned {
         Guide::<N>::waiting(error, demand.beta)
     } else {
-        0.0
+        demand.load
     };
     // While a neighbourhood is left along the self-motion, or ζ turned out of the way, the path waits.
     let passing = if passes {
@@ -137,7 +138,7 @@ fn load<const N: usize>(demand: &Demand, error: f64, is_planned: bool, passes: b
     } else {
         0.0
     };
-    demand.load.max(planned).max(passing)
+    own.max(passing)
 }
 
 /// The target of one auxiliary coordinate: of a commanded turn of ζ, of the planned posture, or of the strategy that its type asks for.

@@ -39,6 +39,8 @@ pub struct Load<const N: usize> {
     pub braking: SVector<f64, N>,
     /// Fastest clock that the path plan allows, up to 1.
     pub planned: f64,
+    /// Whether a plan knows what comes.
+    pub is_planned: bool,
 }
 
 /// The clock of a run: its speed, and the time that has passed on it.
@@ -87,8 +89,8 @@ impl Clock {
 
     /// Moves towards 0.95/demand within [0.05 or what the plan allows, 1], in 20 ms down, in 80 ms up, as fast as a share of the torque allows.
     ///
-    /// The clock's change is known, so it is fed forward. Speed goes with the clock, torque beyond holding with its square; a rising demand is
-    /// extrapolated over the time that slowing down takes; what the path needs further ahead is in the plan's speed.
+    /// The clock's change is known, so it is fed forward. Speed goes with the clock, torque beyond holding with its square. What comes is in the plan's
+    /// speed, and the clock goes up as quickly as down; without a plan a rising demand is extrapolated over the time that slowing down takes.
     ///
     /// Units `limits` N·m, `dt` s · Requires `load.planned` > 0 · Ensures min(0.05, planned) ≤ rate ≤ 1 and |rate_dot| within the share of torque that braking may take; rate = 1 exactly while the
     /// demand stays below 0.95 · Errors none · Cost O(N), no allocation
@@ -103,11 +105,16 @@ impl Clock {
         }
         let rising = ((demand.max(QUIET) - self.demand.max(QUIET)) / dt).max(0.0);
         self.demand = demand;
-        let target = MARGIN / (demand + LEAD * rising).max(1e-9);
+        let (lead, up) = if load.is_planned {
+            (0.0, DOWN)
+        } else {
+            (LEAD, UP)
+        };
+        let target = MARGIN / (demand + lead * rising).max(1e-9);
         // The plan knows of places that need a slower clock than any demand measured so far.
         let slowest = SLOWEST.min(load.planned);
         let target = target.max(SLOWEST).min(load.planned);
-        let lag = if target < self.rate { DOWN } else { UP };
+        let lag = if target < self.rate { DOWN } else { up };
         let wanted = ((target - self.rate) / lag).clamp(-hardest, hardest);
         self.rate_dot += (wanted - self.rate_dot) * dt / (SMOOTH + dt);
         let next = (self.rate + self.rate_dot * dt).clamp(slowest.min(self.rate), 1.0);
@@ -150,6 +157,7 @@ pub(crate) fn step<const N: usize>(
                 .guide
                 .speed(motion.planned.as_ref(), state.clock.plan_s, clock)
                 .min(state.targets.fastest.clock),
+            is_planned: motion.planned.is_some(),
         };
         let dt = setup.scenario.dt_s();
         state.clock.govern(&load, model.effort(), dt);
@@ -183,6 +191,7 @@ mod tests {
             following: Vector1::new(following),
             braking: Vector1::new(0.1),
             planned: 1.0,
+            is_planned: false,
         }
     }
 

@@ -39,6 +39,18 @@ pub fn is_nearing<const N: usize>(
     })
 }
 
+/// Fastest clock at which every joint, `qdot` rad/s at full speed, can be stopped before its limit.
+pub(crate) fn stoppable<const N: usize>(
+    q: &SVector<f64, N>,
+    qdot: &SVector<f64, N>,
+    model: &Model<N>,
+) -> f64 {
+    (0..N).fold(1.0, |clock, i| {
+        let (speed, _, distance) = ahead(q, qdot, model, i);
+        clock.min(distance / ((REVERSING_S + DAMPED_S) * speed).max(1e-9))
+    })
+}
+
 /// The speed of joint `i`, whether it moves up, and the distance to the limit ahead of it.
 #[inline]
 fn ahead<const N: usize>(

@@ -13,12 +13,13 @@
 //! every stop and every deviation.
 //!
 //! **When it gives up.** After 40,000 steps in a leg (more in a long curve), or with a layer that has no posture. A first search without further ways is enough where its
-//! route costs no more than 1.15 times the path; else a second one adds layers where that route is nearest to a singular posture, and the cheaper route
-//! is kept. [`Infeasible`] gives the reason otherwise, and whether everything was tried.
+//! route takes no longer than the path; else the spare joint's posture is chosen anew for time ([`ease`]), and a second search adds layers where that
+//! route is nearest to a singular posture: the quicker route is kept. [`Infeasible`] gives the reason otherwise, and whether everything was tried.
 //!
 //! The route's own clock u runs as the path's does, but also while the path waits ([`schedule`]). PURE and deterministic; allocates.
 
 pub(crate) mod beyond_reach;
+mod ease;
 pub mod kinematics;
 mod request;
 mod route;
@@ -31,7 +32,7 @@ pub use schedule::{PathPlan, Sample};
 use crate::paper::type_1::SIDE_CHANGE;
 use crate::reference::path::{Leg, Progress};
 use crate::singularity::analyzer::Analyzer;
-use crate::types::{Kind, Report, Singularity};
+use crate::types::{Kind, Report};
 use kinematics::Kinematics;
 use model::{Model, Pose};
 use nalgebra::{SVector, Vector3};
@@ -51,6 +52,9 @@ const SEEDS: u32 = 48;
 const STARTS: usize = 6;
 const DISTINCT: f64 = 0.1;
 const ALLOWANCES: [f64; 2] = [4.0, 16.0];
+
+/// Most of a route's time that another posture of the spare joint must take to be worth its motion.
+const WORTH: f64 = 0.97;
 
 /// Why there is no route.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -150,7 +154,7 @@ pub fn remedy<const N: usize>(
 /// [`Infeasible`] where no continuous motion within the limits was found that follows the path. A leg whose goal is beyond reach is no such case: the
 /// plan ends where that leg begins.
 pub fn plan<const N: usize>(request: &Request<'_, N>) -> Result<PathPlan<N>, Infeasible> {
-    let is_easy = |found: &Found<N>| found.as_ref().is_ok_and(PathPlan::is_easy);
+    let is_easy = |found: &Found<N>| found.as_ref().is_ok_and(PathPlan::is_in_time);
     let plain = attempt(request, Effort::Plain, &[]);
     if is_easy(&plain) {
         return plain.map_err(|failed| failed.why);
@@ -176,12 +180,12 @@ pub fn plan<const N: usize>(request: &Request<'_, N>) -> Result<PathPlan<N>, Inf
     found.map_err(|failed| failed.why)
 }
 
-/// The better one of two searches: the plan that leads further, the cheaper one of those, or the reason of the one that came further.
+/// The better one of two searches: the plan that leads further, the quicker one of those, or the reason of the one that came further.
 fn better<const N: usize>(one: Found<N>, two: Found<N>) -> Found<N> {
     match (one, two) {
         (Ok(one), Ok(two)) => {
             let is_better =
-                two.legs() > one.legs() || two.legs() == one.legs() && two.cost() < one.cost();
+                two.legs() > one.legs() || two.legs() == one.legs() && two.price() < one.price();
             Ok(if is_better { two } else { one })
         }
         (Ok(plan), Err(_)) | (Err(_), Ok(plan)) => Ok(plan),
@@ -241,6 +245,8 @@ struct Route<'a, const N: usize> {
     search: Search<'a, N>,
     /// The postures from which the leg begins, one per route.
     layer: Vec<usize>,
+    /// At the beginning of the path, and of the leg.
+    begun: Progress,
     progress: Progress,
     /// Time on the path's clock, s.
     from_s: f64,
@@ -280,6 +286,7 @@ impl<'a, const N: usize> Route<'a, N> {
             arm,
             search: Search::new(arm, bounds, q_start),
             layer: vec![0],
+            begun: progress,
             progress,
             from_s: 0.0,
             ends: vec![],
@@ -300,12 +307,23 @@ impl<'a, const N: usize> Route<'a, N> {
         let node = self.best();
         let knots = self.search.chain(node);
         let cost = self.search.node(node).cost;
-        PathPlan::new(&self.request, &self.arm, &knots, &self.ends, cost, is_short)
+        let timed = |knots: &[Knot<N>]| {
+            PathPlan::new(&self.request, &self.arm, knots, &self.ends, cost, is_short)
+        };
+        let plan = timed(&knots);
+        let is_eased = |eased: &PathPlan<N>| eased.takes_s < WORTH * plan.takes_s;
+        let eased = (self.ends.len() == 1 && !plan.is_in_time())
+            .then(|| ease::eased(&self.request, &self.arm, &knots, &self.pose(self.begun)))
+            .flatten();
+        eased
+            .map(|knots| timed(&knots))
+            .filter(is_eased)
+            .unwrap_or(plan)
     }
 
-    /// The desired pose of C as a function of the time within the leg, s.
-    fn pose(&self) -> impl Fn(f64) -> Pose + use<'a, N> {
-        let (path, begun, p_EC) = (self.request.path, self.progress, self.arm.p_EC);
+    /// The desired pose of C as a function of the time within a leg, s.
+    fn pose(&self, begun: Progress) -> impl Fn(f64) -> Pose + use<'a, N> {
+        let (path, p_EC) = (self.request.path, self.arm.p_EC);
         move |t| {
             let X = path
                 .desired(&Progress { time_s: t, ..begun }, 1.0, 0.0)
@@ -336,31 +354,15 @@ impl<'a, const N: usize> Route<'a, N> {
 
     /// Searches for routes along a leg that moves the end-effector; false where none leads to its end.
     fn follow(&mut self, leg: &Leg, effort: Effort, times: &[f64]) -> bool {
+        let request = self.request;
         let Request {
             path,
             q_start,
             postures,
-            analyzer,
-            model,
             ..
-        } = self.request;
-        let (begun, from_s, pose) = (self.progress, self.from_s, self.pose());
-        let fold = |q: &SVector<f64, N>| {
-            let report = analyse(&mut analyzer.clone(), model, q);
-            let mut listed = report.listed().iter();
-            let elbow = listed.find(|s| s.kind == Kind::Elbow);
-            elbow.or(report.listed().first()).copied()
-        };
-        // By factors sin θ: the coordinate of an elbow that is folded back is another joint.
-        let by_sine = analyzer.family().is_factored();
-        let side = |s: Singularity<N>| {
-            if by_sine && s.kind == Kind::Elbow {
-                s.s
-            } else {
-                s.aux
-            }
-        };
-        let elbow = |q: &SVector<f64, N>| fold(q).map_or(0.0, side);
+        } = request;
+        let (begun, from_s, pose) = (self.progress, self.from_s, self.pose(self.progress));
+        let side = |q: &SVector<f64, N>| request.side(q);
         let goal = postures.get(begun.leg).copied().flatten();
         let before = begun
             .leg
@@ -386,7 +388,7 @@ impl<'a, const N: usize> Route<'a, N> {
             duration_s: leg.duration_s,
             pose: &pose,
             branch: leg.branch,
-            side: &elbow,
+            side: &side,
             posture: goal
                 .is_some()
                 .then_some(&ramp as &dyn Fn(f64) -> SVector<f64, N>),
@@ -399,11 +401,11 @@ impl<'a, const N: usize> Route<'a, N> {
             },
         };
         let mut found = self.search.leg(&stretch, &self.layer);
-        let began = || fold(&self.search.node(self.best()).q);
+        let began = || request.fold(&self.search.node(self.best()).q);
         if leg.branch != 0 && began().is_some_and(|s| s.inside && s.kind == Kind::Elbow) {
             // A fold in whose neighbourhood the leg begins is left on the side that it asks for.
             let is_there = |x: f64| x * f64::from(leg.branch) > -SIDE_CHANGE;
-            found.retain(|node| is_there(elbow(&self.search.node(*node).q)));
+            found.retain(|node| is_there(side(&self.search.node(*node).q)));
         }
         if found.is_empty() {
             return false;
@@ -414,7 +416,7 @@ impl<'a, const N: usize> Route<'a, N> {
 
     /// Why no route leads to the end of a leg; `None` where its goal is beyond reach.
     fn infeasible(&self, leg: &Leg) -> Option<Infeasible> {
-        let (request, arm, pose) = (&self.request, &self.arm, self.pose());
+        let (request, arm, pose) = (&self.request, &self.arm, self.pose(self.progress));
         let goal = pose(leg.duration_s);
         let far = self.search.furthest.unwrap_or(Furthest {
             t: self.from_s,

@@ -3,10 +3,9 @@
 use super::kinematics::Kinematics;
 use crate::reference::path::Path;
 use crate::singularity::analyzer::Analyzer;
-use crate::types::Report;
+use crate::types::{Kind, Report, Singularity};
 use model::Model;
 use nalgebra::{SVector, Vector3};
-use shared_types::scenario::BySingularity;
 
 /// Joint motion that turns ζ: from a posture, its analysis, the singularity's place and the angle, rad.
 pub type Turning<'a, const N: usize> =
@@ -31,8 +30,6 @@ pub struct Request<'a, const N: usize> {
     pub task: [bool; 6],
     /// The length that makes metres and radians comparable, m.
     pub length_m: f64,
-    /// Largest auxiliary rates, rad/s.
-    pub rate_max: &'a BySingularity,
     /// How far the path may be left, m.
     pub position_m: f64,
     /// How far the path may be left, rad.
@@ -47,6 +44,23 @@ impl<'a, const N: usize> Request<'a, N> {
     pub(super) fn velocity(&self) -> SVector<f64, N> {
         let stated = |limit: f64| if limit.is_finite() { limit } else { UNSTATED };
         self.model.velocity().map(stated)
+    }
+
+    /// The elbow of a posture, else the first of its singularities.
+    pub(super) fn fold(&self, q: &SVector<f64, N>) -> Option<Singularity<N>> {
+        let report = analyse(&mut self.analyzer.clone(), self.model, q);
+        let mut listed = report.listed().iter();
+        let elbow = listed.find(|s| s.kind == Kind::Elbow);
+        elbow.or(report.listed().first()).copied()
+    }
+
+    /// The side of a fold that a posture is on. By factors sin θ: the coordinate of an elbow that is folded back is another joint.
+    pub(super) fn side(&self, q: &SVector<f64, N>) -> f64 {
+        let is_factored = self.analyzer.family().is_factored();
+        self.fold(q).map_or(0.0, |s| match s.kind {
+            Kind::Elbow if is_factored => s.s,
+            _ => s.aux,
+        })
     }
 
     /// The kinematics of C, which lies at `p_EC` in the end-effector's axes.

@@ -16,7 +16,7 @@ use std::cell::Cell;
 
 /// Largest joint motion between two knots, rad (m); deviation of the posture half-way from their mean, over that motion: more is no smooth motion.
 const STEP: f64 = 0.12;
-const BEND: f64 = 0.25;
+pub(super) const BEND: f64 = 0.25;
 /// Unit-scaled pose error half-way between two knots that is none.
 const STRAIGHT: f64 = 1e-4;
 /// Shortest step of the path, as a share of a leg.
@@ -56,7 +56,7 @@ pub(super) const ARRIVED: f64 = 0.1;
 /// Distance that a route keeps from every joint limit, rad (m): encoder noise and the cost of tracking; more where spare joints are tried both ways,
 /// which are tracked less closely than the path.
 const CLEAR: f64 = 2e-3;
-const CLEAR_SPARE: f64 = 2e-2;
+pub(super) const CLEAR_SPARE: f64 = 2e-2;
 /// Distance from a limit at which it begins to cost, rad (m).
 const MARGIN: f64 = 0.2;
 /// Largest speed at which spare joints go back to the start posture, rad/s (m/s), and the price of being away, per rad: a task that returns to its start

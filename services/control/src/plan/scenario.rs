@@ -67,7 +67,6 @@ impl<const N: usize> Task<'_, N> {
             turning: &turned,
             task: robot.task.0,
             length_m: robot.length_m,
-            rate_max: &control.aux_rate_max,
             position_m: scenario.goal.path_mm * 1e-3,
             orientation_rad: scenario.goal.path_deg.to_radians(),
         })

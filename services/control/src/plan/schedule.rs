@@ -2,13 +2,21 @@
 
 use super::kinematics::{Kinematics, lowest, slowest};
 use super::request::{Request, analyse, centre};
-use super::route::{Knot, SPEED};
-use crate::limits::clock;
+use super::route::Knot;
+use crate::limits::{clock, range};
 use crate::reference::path::{Leg, Path, Progress};
 use crate::types::Report;
 use model::Pose;
 use nalgebra::SVector;
 
+/// Share of a speed limit that the schedule takes.
+const SPEED: f64 = 0.92;
+/// Most of the path's own time with which a plan is in time.
+const IN_TIME: f64 = 1.01;
+/// Share of the search's cost in what a plan is judged by: of two that take as long, the one further from limits.
+const COSTS: f64 = 0.1;
+/// Torque kept for a coordinate's bends over what they take by themselves: feedback and lag take the rest.
+const BENDS: f64 = 1.6;
 /// Share of the torque limits that slowing the clock down may take.
 const BRAKE: f64 = 0.175;
 /// Share of the torque rates that following the path may take, and the share of a torque that bends may take where a way counts as straight.
@@ -65,6 +73,8 @@ pub struct PathPlan<const N: usize> {
     is_short: bool,
     cost: f64,
     duration_s: f64,
+    /// How long it takes by its schedule, s.
+    pub(super) takes_s: f64,
 }
 
 /// The route at one moment of its clock.
@@ -97,6 +107,7 @@ impl<const N: usize> PathPlan<N> {
             is_short,
             cost,
             duration_s,
+            takes_s: 0.0,
         };
         plan.slope(request, &rests);
         plan.limit_speed(request, &stops);
@@ -133,7 +144,7 @@ impl<const N: usize> PathPlan<N> {
             let q = self.points[i].q;
             let report = analyse(&mut analyzer, request.model, &q);
             let speed = self
-                .by_speed(request, i, &report)
+                .by_speed(request, i)
                 .min(self.by_torque(request, i, &report));
             self.points[i].speed = speed.clamp(SLOWEST, 1.0);
         }
@@ -146,6 +157,9 @@ impl<const N: usize> PathPlan<N> {
             let bound = (next.speed * next.speed + 2.0 * hardest * (next.u - here.u)).sqrt();
             self.points[i].speed = here.speed.min(bound);
         }
+        let takes =
+            |pair: &[Point<N>]| 2.0 * (pair[1].u - pair[0].u) / (pair[0].speed + pair[1].speed);
+        self.takes_s = self.points.windows(2).map(takes).sum();
     }
 
     /// Hardest change of the clock's speed at a point for which there is torque, 1/s.
@@ -159,20 +173,13 @@ impl<const N: usize> PathPlan<N> {
         })
     }
 
-    /// Fastest clock at which the joints and the auxiliary coordinates keep their speeds from one point to the next.
-    fn by_speed(&self, request: &Request<'_, N>, i: usize, report: &Report<N>) -> f64 {
+    /// Fastest clock at which the joints keep their speeds from one point to the next, and can be stopped before their limits.
+    fn by_speed(&self, request: &Request<'_, N>, i: usize) -> f64 {
         let (Point { q, slope, u, .. }, velocity) = (self.points[i], request.velocity());
         let next = self.points.get(i + 1);
         let mean = next.map_or(slope, |next| (next.q - q) / (next.u - u));
-        let mut share = 0.0_f64;
-        for rate in [slope, mean] {
-            share = share.max(slowest(&rate, &velocity));
-            for s in report.listed().iter().filter(|s| s.s.abs() < s.eta_out) {
-                let most = request.rate_max.of(s.kind.code());
-                share = share.max(s.aux_row.dot(&rate).abs() / most);
-            }
-        }
-        SPEED / share.max(1e-9)
+        let share = slowest(&slope, &velocity).max(slowest(&mean, &velocity));
+        (SPEED / share.max(1e-9)).min(range::stoppable(&q, &slope, request.model))
     }
 
     /// How long the route takes at full speed, s.
@@ -228,7 +235,7 @@ impl<const N: usize> PathPlan<N> {
     ///
     /// At the clock's speed r, a leg of the time law s(t) along q(s) takes the torque r²·[M·(q′·s̈ + q″·ṡ²) + c(q, q′·ṡ)] beside what holds the arm, and
     /// changes it by r³·M·q′·s⃛ where q(s) is straight; where it bends, as out of a fold, the other terms of the derivative take most of this one back. In a
-    /// neighbourhood the law does not follow the route's every corner: there the smaller torque counts of those with q″ and without.
+    /// neighbourhood the law follows the spline between the points: there the torque of its bends counts, too.
     fn by_torque(&self, request: &Request<'_, N>, i: usize, report: &Report<N>) -> f64 {
         let Some(way) = self.way(request, i) else {
             return f64::INFINITY;
@@ -251,13 +258,19 @@ impl<const N: usize> PathPlan<N> {
         let [(v, a), (v_mid, a_mid)] = way.law;
         let coriolis = model.bias(&from.q, &(slope * v)) - gravity;
         let (effort, torque_rate) = (model.effort(), model.torque_rate());
+        let bends_here = if is_regular {
+            [SVector::zeros(); 2]
+        } else {
+            let own = model.bias(&from.q, &from.slope) - gravity;
+            self.bends(i).map(|bend| A * bend * BENDS + own)
+        };
         let mut fastest = f64::INFINITY;
         for j in 0..N {
             let (along, bend) = (straight[j] * a + coriolis[j], bends[j] * v * v);
             let mut torque = (along + bend).abs();
-            if !is_regular {
-                torque = torque.min(along.abs());
-            }
+            torque = bends_here
+                .iter()
+                .fold(torque, |most, own| most.max(own[j].abs()));
             let is_straight = turn[j].abs() <= STRAIGHT * straight[j].abs()
                 && (bends[j] * v_mid * v_mid).abs() <= STRAIGHT * (straight[j] * a_mid).abs();
             if is_straight {
@@ -269,6 +282,22 @@ impl<const N: usize> PathPlan<N> {
             fastest = fastest.min((room / torque.max(1e-9)).sqrt());
         }
         fastest
+    }
+
+    /// The route's second derivative by its clock at a point, rad/s²: of the spline that ends there, and of the one that begins.
+    fn bends(&self, i: usize) -> [SVector<f64, N>; 2] {
+        let bend = |pair: &[Point<N>], at_end: f64| {
+            let h = pair[1].u - pair[0].u;
+            let mean = (pair[1].q - pair[0].q) / h;
+            ((mean - pair[0].slope) * (4.0 - 6.0 * at_end)
+                + (mean - pair[1].slope) * (2.0 - 6.0 * at_end))
+                / h
+        };
+        let between = |from: Option<usize>, at_end: f64| {
+            let pair = from.and_then(|from| self.points.get(from..from + 2));
+            pair.map_or_else(SVector::zeros, |pair| bend(pair, at_end))
+        };
+        [between(i.checked_sub(1), 1.0), between(Some(i), 0.0)]
     }
 
     /// The way from a point to the next as a function of a leg's time law; `None` where the path rests.
@@ -295,14 +324,15 @@ impl<const N: usize> PathPlan<N> {
         })
     }
 
-    pub(super) fn cost(&self) -> f64 {
-        self.cost
+    /// What it is judged by: its time, s, and for a small part the search's cost.
+    pub(super) fn price(&self) -> f64 {
+        self.takes_s + COSTS * (self.cost - self.takes_s)
     }
 
     /// Whether a better route is not worth looking for.
-    pub(super) fn is_easy(&self) -> bool {
-        let path = self.points.last().map_or(0.0, |last| last.t);
-        self.cost < 1.15 * path + 0.1
+    pub(super) fn is_in_time(&self) -> bool {
+        let path_s = self.points.last().map_or(0.0, |last| last.t);
+        self.takes_s < IN_TIME * path_s
     }
 
     /// The route's postures.
@@ -457,7 +487,9 @@ fn self_motion<const N: usize>(
     from: &Point<N>,
     way: &[SVector<f64, N>],
 ) -> Vec<(f64, SVector<f64, N>)> {
-    let speeds = request.velocity().map(|speed| (SPEED * speed).min(TURNING));
+    let speeds = request
+        .velocity()
+        .map(|speed| (super::route::SPEED * speed).min(TURNING));
     let lengths = way.windows(2);
     let lengths: Vec<f64> = lengths
         .map(|pair| slowest(&(pair[1] - pair[0]), &speeds))

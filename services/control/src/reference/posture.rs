@@ -2,7 +2,6 @@
 
 use super::avoidance;
 use crate::controller::Setup;
-use crate::law::auxiliary::Loop;
 use crate::setup::{SetupError, posture_goals};
 use crate::state::State;
 use crate::tick::{Motion, Now};
@@ -87,12 +86,9 @@ impl<const N: usize> Postures<N> {
         let (k_p, k_vq) = (control.k_p, control.k_vq());
         if let Some(plan) = motion.planned.as_ref().filter(|_| !self.commanded) {
             let clock = motion.clock;
-            let towards = (now.q - plan.q) * k_p - plan.dq * (clock * k_vq);
-            // Near a lost direction the torque has other tasks.
-            return match state.loops.iter().any(Loop::engaged) {
-                true => towards,
-                false => towards - setup.guide.acceleration(state.clock.plan_s) * (clock * clock),
-            };
+            return (now.q - plan.q) * k_p
+                - plan.dq * (clock * k_vq)
+                - setup.guide.acceleration(state.clock.plan_s) * (clock * clock);
         }
         let off = now.q - self.at(setup, state);
         let off = if self.steered {

@@ -1,0 +1,101 @@
+#!/usr/bin/env python3
+"""How long runs through singular postures take, over the bound that toppra gives for the same joint path under the same limits.
+
+    pip install toppra 'armplane[experiments]'
+    python3 tests/time_bound.py [--robots puma560,ur5,panda,iiwa14] [--count 3] [--seed 1] [--speed 0.28]
+
+The joint path is the one that the plant went, over the clock u of its route. toppra may stretch u by up to the given clock (u̇ ≤ 1) where a joint keeps 92 %
+of its speed and 95 % of its torque, which are the margins of the plan. Prints a line for each run that reached its goal: the time taken, the bound, their
+ratio; then the median and the largest ratio. Exit code 1: the median is above 1.02, or the largest above 1.10.
+"""
+
+import argparse
+import statistics
+import sys
+
+import armplane
+import numpy as np
+import toppra
+from toppra import algorithm, constraint
+
+SPEED, TORQUE, POINTS = 0.92, 0.95, 200
+
+
+def run(scenario):
+    """The row of a run, the clock of its route, s, and the joint path over it."""
+    row, table = armplane.trial(scenario), armplane.trace(scenario)
+    joints = sorted((name for name in table.column_names if name.startswith("joint.q.")), key=lambda name: int(name.split(".")[-1]))
+    rate = table["control.scale.time"].to_numpy()
+    return row, np.concatenate([[0.0], np.cumsum(rate[:-1])]) * 1e-3, np.stack([table[name].to_numpy() for name in joints], axis=1)
+
+
+def bound(arm, u, q):
+    """The least time for a joint path, s."""
+    lower, upper = np.full(q.shape[1], -1e3), np.full(q.shape[1], 1e3)
+    speed = np.minimum(SPEED * np.asarray(arm.velocity), upper)
+    # One coordinate more is the clock itself.
+    path = toppra.SplineInterpolator(u, np.column_stack([q, u]))
+    speeds = np.append(speed, 1.0)
+    holding = np.append(TORQUE * np.asarray(arm.effort), 1e9)
+
+    def torque(q, qdot, qddot):
+        posture = arm.at(q[:-1], qdot[:-1])
+        return np.append(posture.A @ qddot[:-1] + posture.bias, 0.0)
+
+    limits = [
+        constraint.JointVelocityConstraint(np.column_stack([-speeds, speeds])),
+        constraint.JointTorqueConstraint(torque, np.column_stack([-holding, holding]), np.zeros(len(holding)), constraint.DiscretizationType.Collocation),
+    ]
+    solver = algorithm.TOPPRA(limits, path, gridpoints=np.linspace(u[0], u[-1], 2 * POINTS), solver_wrapper="seidel")
+    for ends in (1.0, 0.8, 0.5, 0.2, 0.0):
+        _, rates, _ = solver.compute_parameterization(ends, ends)
+        if rates is not None and np.isfinite(rates).all():
+            return float(np.sum(2 * np.diff(solver.gridpoints) / np.maximum(rates[1:] + rates[:-1], 1e-6)))
+    return None
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--robots", default="puma560,ur5,panda,iiwa14")
+    parser.add_argument("--count", type=int, default=3)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--speed", type=float, default=0.28)
+    parser.add_argument("--scenario", action="append", help="a file instead of drawn lines")
+    options = parser.parse_args()
+    toppra.setup_logging("ERROR")
+    tasks = [(name, name.rpartition("/")[2]) for name in options.scenario or []]
+    for robot in [] if tasks else options.robots.split(","):
+        drawn = armplane.lines(robot, options.count, options.seed, speed=options.speed)
+        tasks += [(line["scenario"], f"{robot}-{number}") for number, line in enumerate(drawn, 1)]
+    ratios = []
+    for scenario, name in tasks:
+        row, u, q = run(scenario)
+        if not row.get("s1"):
+            print(f"{name:16} {row['outcome']}")
+            continue
+        # The path's own end, whatever settles after it.
+        legs = sum(float(line.split("=")[1]) for line in text(scenario).splitlines() if line.startswith("duration_s"))
+        taken = row["time_stretch"] * legs
+        end = min(round(taken * 1e3), len(u) - 1)
+        grid = np.linspace(0.0, u[end], POINTS)
+        path = np.stack([np.interp(grid, u, column) for column in q.T], axis=1)
+        least = bound(armplane.Arm.builtin(row["robot"]), grid, path)
+        if least is None:
+            print(f"{name:16} toppra finds no bound")
+            continue
+        ratios.append(taken / least)
+        print(f"{name:16} {taken:7.3f} s  bound {least:7.3f} s  ratio {ratios[-1]:.3f}  of the given clock {taken / legs:.3f}")
+    if not ratios:
+        sys.exit("no run reached its goal")
+    median, most = statistics.median(ratios), max(ratios)
+    print(f"{len(ratios)} runs: median {median:.3f}, largest {most:.3f}")
+    sys.exit(median > 1.02 or most > 1.10)
+
+
+def text(scenario):
+    """A scenario's text, given as such or as a file."""
+    return scenario if "\n" in scenario else open(scenario).read()
+
+
+if __name__ == "__main__":
+    main()
