@@ -212,25 +212,6 @@ const fn place(topic: &str) -> usize {
     i
 }
 
-/// Does something that may fail for each topic, in the order of the list, up to the first error.
-///
-/// # Errors
-/// The first of them.
-pub fn try_each<E>(work: &mut impl Each<Output = Result<(), E>>) -> Result<(), E> {
-    struct UpToFirst<'a, W, E>(&'a mut W, Result<(), E>);
-    impl<W: Each<Output = Result<(), E>>, E> Each for UpToFirst<'_, W, E> {
-        type Output = ();
-        fn each<M: Topic>(&mut self) {
-            if self.1.is_ok() {
-                self.1 = self.0.each::<M>();
-            }
-        }
-    }
-    let mut all = UpToFirst(work, Ok(()));
-    each(&mut all);
-    all.1
-}
-
 impl<F: Family> ByTopic<F> {
     /// Makes the part of each topic, in the order of the list.
     pub fn build<B: Build<F, Error = Infallible>>(parts: &mut B) -> Self {
@@ -365,19 +346,5 @@ mod tests {
         assert_eq!(received.lent(), whole.lent());
         *StateEstimate::of_mut(&mut received) = None;
         assert!(received.lent().estimate.is_none() && received.lent().torque.is_some());
-    }
-
-    #[test]
-    fn the_first_error_ends_the_visit() {
-        struct Fail(usize);
-        impl Each for Fail {
-            type Output = Result<(), usize>;
-            fn each<M: Topic>(&mut self) -> Self::Output {
-                self.0 += 1;
-                if M::INDEX == 1 { Err(self.0) } else { Ok(()) }
-            }
-        }
-        let mut fail = Fail(0);
-        assert_eq!((try_each(&mut fail), fail.0), (Err(2), 2));
     }
 }

@@ -66,16 +66,14 @@ impl<const N: usize> Plant<N> {
         if model.mass_matrix(q_start).cholesky().is_none() {
             return Err(PlantError::SingularMass { robot: robot.name });
         }
-        let viscous = if options.friction {
-            *model.viscous_friction()
-        } else {
-            SVector::zeros()
+        let viscous = match options.friction {
+            true => *model.viscous_friction(),
+            false => SVector::zeros(),
         };
-        let surfaces = Surfaces::new(options);
         let smooth = Smooth {
             model,
             viscous,
-            surfaces,
+            surfaces: Surfaces::new(options),
         };
         let tick_s = 1.0 / f64::from(rate_hz);
         let back_end = match options.model {

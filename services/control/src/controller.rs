@@ -121,12 +121,12 @@ impl<const N: usize> Controller<N> {
         let report = analyzer.step(&q_start, &SVector::zeros(), &rest);
         let family = analyzer.family().clone();
         let path = Path::new(scenario, rest.X_BE, &report)?;
-        if scenario.servo.is_none() {
+        let is_steered = scenario.servo.is_some();
+        if !is_steered {
             path.check(&robot.task.0, rest.X_BE, &report)?;
         }
         let mut postures = Postures::new(robot, scenario, q_start)?;
         let fresh = Analyzer::new(robot, &scenario.analysis);
-        let goals = postures.goals();
         let task = Task {
             model: &model,
             robot,
@@ -134,23 +134,20 @@ impl<const N: usize> Controller<N> {
             path: &path,
             analyzer: &fresh,
             q_start: &q_start,
-            postures: goals,
+            postures: postures.goals(),
         };
-        let (plan, obstacle) = task
-            .route_ahead()
-            .map_or_else(|obstacle| (None, Some(obstacle)), |plan| (plan, None));
+        let (plan, obstacle) = match task.route_ahead() {
+            Ok(plan) => (plan, None),
+            Err(obstacle) => (None, Some(obstacle)),
+        };
         let forces = Forces::of(scenario);
         let obstacle = obstacle.or_else(|| forces.impossible(&rest, model.effort(), &robot.task.0));
         let guide = Guide::new(plan, (0..).take_while(|i| path.leg(*i).is_some()).count());
         postures.stay(guide.beyond_reach());
-        let targets = scenario
-            .servo
-            .as_ref()
-            .map(|_| Targets::new(&model, robot, scenario));
-        let model = if targets.is_some() {
-            model.with_torque_share(targets::SHARE)
-        } else {
-            model
+        let targets = is_steered.then(|| Targets::new(&model, robot, scenario));
+        let model = match is_steered {
+            true => model.with_torque_share(targets::SHARE),
+            false => model,
         };
         let mut state = State::begin(&rest, q_start, model.effort());
         state.clock.rate = guide.first_speed();

@@ -285,25 +285,14 @@ impl Judge {
         let (singularities, modes) = self.singularities.finish();
         let joints = self.joints.finish();
         let is_over = completed || self.ticks > 0 && self.asked.session_ticks == Some(self.ticks);
-        bars::judge(
-            &mut task,
-            &joints,
-            (is_over, is_done),
-            1.0 / self.asked.rate_hz,
-        );
-        let wall_s = self.latency.wall_s();
+        let dt_s = 1.0 / self.asked.rate_hz;
+        bars::judge(&mut task, &joints, (is_over, is_done), dt_s);
         Summary {
             ticks: self.ticks,
             completed,
             outcome: outcome.to_owned(),
             reason,
-            pace: Pace {
-                wall_s,
-                ticks_per_s: match wall_s > 0.0 {
-                    true => self.ticks as f64 / wall_s,
-                    false => 0.0,
-                },
-            },
+            pace: pace(self.ticks, self.latency.wall_s()),
             task,
             joints,
             singularities,
@@ -313,6 +302,17 @@ impl Judge {
             latency_us: self.latency.summary(),
             ..Summary::default()
         }
+    }
+}
+
+fn pace(ticks: u64, wall_s: f64) -> Pace {
+    let ticks_per_s = match wall_s > 0.0 {
+        true => ticks as f64 / wall_s,
+        false => 0.0,
+    };
+    Pace {
+        wall_s,
+        ticks_per_s,
     }
 }
 

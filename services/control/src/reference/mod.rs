@@ -60,9 +60,8 @@ pub(crate) fn motion<const N: usize>(
     let clock = state.clock.rate;
     let leg = path.leg(state.progress.leg).copied();
     let reorients = leg.is_some_and(|leg| leg.reorient.is_some());
-    let planned = guide
-        .at(state.progress.leg, state.clock.plan_s)
-        .filter(|_| !reorients);
+    let planned = guide.at(state.progress.leg, state.clock.plan_s);
+    let planned = planned.filter(|_| !reorients);
     // The path waits while the plan turns ζ.
     let time_rate = planned.map_or(1.0, |plan| plan.time_rate);
     let V = now.at.J * now.qdot;

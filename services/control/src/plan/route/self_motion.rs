@@ -82,10 +82,8 @@ impl<const N: usize> Search<'_, N> {
         let (mut at, mut v) = (from.q, from.v / from.v.amax());
         let mut undone = self.undone(&at, onwards);
         let mut out = vec![];
-        let knot = |q: SVector<f64, N>| {
-            let waits = true;
-            Knot { t, q, waits }
-        };
+        let waits = true;
+        let knot = |q: SVector<f64, N>| Knot { t, q, waits };
         let mut knots: Vec<Knot<N>> = vec![];
         if from.q != self.nodes[from.node].q {
             knots.push(knot(from.q));

@@ -258,12 +258,9 @@ impl<const N: usize> State<N> {
             self.qdot_planned = targets.qdot;
             // At rest the strategies keep their memory: the side of a fold above all.
             let is_resting = targets.resting;
-            let next = |one: Loop| {
-                if is_resting {
-                    one.at_rest()
-                } else {
-                    Loop::default()
-                }
+            let next = |one: Loop| match is_resting {
+                true => one.at_rest(),
+                false => Loop::default(),
             };
             self.loops = self.loops.map(next);
         } else if !targets.stops.now {
