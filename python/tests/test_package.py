@@ -2,6 +2,8 @@
 
 import os
 import pathlib
+import subprocess
+import sys
 import time
 
 import armplane
@@ -193,6 +195,19 @@ def test_many_states_at_once_are_the_same_as_one_by_one():
         many.reset(np.arange(N) < 3)
         assert many.step_many(q, q * 0).shape == (N, n) and many.state_of(0).tick == 1 and many.state_of(3).tick == 6
     assert checked > 30
+
+
+def test_more_rows_than_there_is_memory_for_raise_memory_error():
+    # In a child, whose memory is limited: there may be room for them all.
+    lines = [
+        "import armplane, numpy, resource",
+        "law, q = armplane.Law(armplane.Arm.builtin('puma560')), numpy.zeros((300_000, 6))",
+        "resource.setrlimit(resource.RLIMIT_AS, (4 << 30, 4 << 30))",
+        "try: law.step_many(q, q)",
+        "except MemoryError: law.step_many(q[:100], q[:100]); print('caught')",
+    ]
+    child = subprocess.run([sys.executable, "-c", "\n".join(lines)], capture_output=True, text=True)
+    assert child.stdout == "caught\n", child.stderr
 
 
 def test_a_million_torques_of_singular_states_are_finite():
