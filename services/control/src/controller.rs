@@ -14,12 +14,15 @@ use crate::singularity::family::Family;
 use crate::state::State;
 use crate::types::{Kind, Refusal, Singularity};
 use model::{Model, Robot};
-use nalgebra::SVector;
+use nalgebra::{SMatrix, SVector};
 use shared_types::ControllerCheckpoint;
 use shared_types::scenario::Scenario;
 
 /// Share of a joint's speed that the self-motion at a singularity may take.
 const JOINT_SHARE: f64 = 0.5;
+
+/// Share of a joint's torque by which a planned auxiliary rate may change.
+const SLEW_TORQUE: f64 = 0.4;
 
 /// What does not change from tick to tick: the arm, its task, and the terms on which it is followed.
 #[derive(Clone, Debug)]
@@ -86,6 +89,17 @@ impl<const N: usize> Setup<N> {
         let size = s.aux_row.norm_squared().max(1e-12);
         (0..N).fold(stated, |rate, i| {
             rate.min(JOINT_SHARE * self.model.velocity()[i] * size / s.aux_row[i].abs().max(1e-9))
+        })
+    }
+}
+
+impl<const N: usize> Setup<N> {
+    /// The change of an auxiliary rate that takes a share of the torque of some joint, by the mass matrix `A`, rad/s².
+    pub(crate) fn slew_by_torque(&self, s: &Singularity<N>, A: &SMatrix<f64, N, N>) -> f64 {
+        let size = s.aux_row.norm_squared();
+        (0..N).fold(f64::INFINITY, |most, i| {
+            let load = A[(i, i)] * s.aux_row[i].abs();
+            most.min(SLEW_TORQUE * self.model.effort()[i] * size / load.max(1e-9))
         })
     }
 }
