@@ -66,7 +66,7 @@ RESTS = """updates.length > 11 && [1, 2, 3, 4, 5].every(link => [0, 1, 2].every(
 
 
 def _wait(find, seconds=PATIENCE):
-    """What `find` returns, as soon as that is something; its last answer where the time is up."""
+    """The answer of `find`, as soon as that is something; its last answer where the time is up."""
     end = time.monotonic() + seconds
     while not (found := find()) and time.monotonic() < end:
         time.sleep(0.05)

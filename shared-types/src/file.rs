@@ -287,6 +287,17 @@ pub(crate) fn within(
     require(range.contains(&value), path, what, remedy)
 }
 
+/// Refuses the number of a key that is not in a range; `prefix` leads to the key.
+pub(crate) fn key_within(
+    prefix: &str,
+    key: &str,
+    value: f64,
+    range: std::ops::RangeInclusive<f64>,
+) -> Result<(), Complaint> {
+    let path = format!("{prefix}{key}");
+    within(&path, value, range, format!("`{key}` is {value}"))
+}
+
 /// Place of the value at `path`, or of the nearest enclosing value that exists.
 fn span_of(text: &str, path: &str) -> Option<Range<usize>> {
     let document = DeTable::parse(text).ok()?;

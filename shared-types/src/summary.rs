@@ -145,7 +145,7 @@ pub struct TopicSummary {
 /// after the approach, in which the segment's path goes on.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ForceSummary {
-    /// What the controller measured the force with: `"wrist sensor"` or `"observer"`.
+    /// Source of the force that the controller takes: `"wrist sensor"` or `"observer"`.
     pub source: String,
     /// Largest set-point.
     pub newtons: f64,

@@ -47,7 +47,7 @@ LOOPBACK = """<CycloneDDS><Domain>
 
 
 class Door:
-    """What both doors have."""
+    """The part that both doors share."""
 
     byte = int
 

@@ -86,22 +86,27 @@ impl<const N: usize> Setup<N> {
             return stated / self.largest_share(s);
         }
         // As fast as a joint may be where only it moves.
-        let size = s.aux_row.norm_squared().max(1e-12);
-        (0..N).fold(stated, |rate, i| {
-            rate.min(JOINT_SHARE * self.model.velocity()[i] * size / s.aux_row[i].abs().max(1e-9))
-        })
+        let most = JOINT_SHARE * self.model.velocity();
+        stated.min(by_joints(s, &most, |_| 1.0))
+    }
+
+    /// The change of an auxiliary rate that takes a share of the torque of some joint, by the mass matrix `A`, rad/s².
+    pub(crate) fn slew_by_torque(&self, s: &Singularity<N>, A: &SMatrix<f64, N, N>) -> f64 {
+        let most = SLEW_TORQUE * self.model.effort();
+        by_joints(s, &most, |i| A[(i, i)])
     }
 }
 
-impl<const N: usize> Setup<N> {
-    /// The change of an auxiliary rate that takes a share of the torque of some joint, by the mass matrix `A`, rad/s².
-    pub(crate) fn slew_by_torque(&self, s: &Singularity<N>, A: &SMatrix<f64, N, N>) -> f64 {
-        let size = s.aux_row.norm_squared();
-        (0..N).fold(f64::INFINITY, |most, i| {
-            let load = A[(i, i)] * s.aux_row[i].abs();
-            most.min(SLEW_TORQUE * self.model.effort()[i] * size / load.max(1e-9))
-        })
-    }
+/// The largest motion of a coordinate in which no joint takes more than `most`, at so much per unit of its own motion.
+#[inline]
+fn by_joints<const N: usize>(
+    s: &Singularity<N>,
+    most: &SVector<f64, N>,
+    per_unit: impl Fn(usize) -> f64,
+) -> f64 {
+    let size = s.aux_row.norm_squared().max(1e-12);
+    let of = |i: usize| most[i] * size / (per_unit(i) * s.aux_row[i].abs()).max(1e-9);
+    (0..N).fold(f64::INFINITY, |least, i| least.min(of(i)))
 }
 
 /// The control law of one arm and one task.

@@ -50,17 +50,18 @@ pub(crate) fn without_foreign(text: &str) -> Result<Own, String> {
             elements += 1;
             within(elements, MOST_ELEMENTS, "elements")?;
             within(tag.len(), LONGEST_TAG, "bytes in one tag")?;
+            inertial.see(tag, writer.get_ref().len());
         }
         match &event {
             Event::Start(tag) if !tag.name().0.contains(&b':') => depth += 1,
             Event::End(_) => depth = depth.saturating_sub(1),
             _ => {}
         }
-        if let Event::Start(tag) | Event::Empty(tag) = &event {
-            inertial.see(tag, writer.get_ref().len());
-        }
-        let ends = matches!(&event, Event::End(tag) if tag.name().0 == b"inertial")
-            || matches!(&event, Event::Empty(tag) if tag.name().0 == b"inertial");
+        let ends = match &event {
+            Event::End(tag) => tag.name().0 == b"inertial",
+            Event::Empty(tag) => tag.name().0 == b"inertial",
+            _ => false,
+        };
         within(depth, DEEPEST, "elements inside one another")?;
         let own = match &event {
             Event::Start(tag) if is_foreign(tag)? => reader.read_to_end(tag.name()).map(|_| None),

@@ -64,7 +64,7 @@ pub struct Judge {
     end: Newest,
 }
 
-/// What the scenario asks for.
+/// The demands of the scenario.
 #[derive(Debug)]
 struct Wanted {
     goal: Goal,

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::curve::Axis;
-use crate::file::{Complaint, require, within};
+use crate::file::{Complaint, key_within, require};
 
 /// A force that the hand keeps along one direction while it follows the segment's path in all others.
 ///
@@ -76,12 +76,7 @@ impl Force {
             ("approach_m_s", self.approach_m_s, 1e-4..=1.0),
             ("reach_m", self.reach_m, 1e-3..=10.0),
         ] {
-            within(
-                &format!("force.{key}"),
-                value,
-                range,
-                format!("`{key}` is {value}"),
-            )?;
+            key_within("force.", key, value, range)?;
         }
         Ok(())
     }
@@ -141,7 +136,7 @@ impl Surface {
             ("damping_s_m", self.damping_s_m, 0.0..=1e3),
             ("friction", self.friction, 0.0..=2.0),
         ] {
-            within(key, value, range, format!("`{key}` is {value}"))?;
+            key_within("", key, value, range)?;
         }
         Ok(())
     }

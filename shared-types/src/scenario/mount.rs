@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::curve::is_near;
-use crate::file::{Complaint, require, within};
+use crate::file::{Complaint, key_within, require, within};
 
 /// How the base stands, and what the hand carries.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -128,18 +128,13 @@ impl Push {
             force_n,
             torque_nm,
         } = self;
-        let key = |name: &str| format!("plant.push.{i}.{name}");
-        for (name, value) in [("at_s", at_s), ("for_s", for_s)] {
-            within(
-                &key(name),
-                *value,
-                0.0..=36_000.0,
-                format!("`{name}` is {value}"),
-            )?;
+        let prefix = format!("plant.push.{i}.");
+        for (key, value) in [("at_s", at_s), ("for_s", for_s)] {
+            key_within(&prefix, key, *value, 0.0..=36_000.0)?;
         }
         require(
             force_n.iter().chain(torque_nm).all(|x| x.abs() <= 1e6),
-            key("force_n"),
+            prefix + "force_n",
             "the push is not one of an arm",
             "three numbers each, N and N·m, at most 1e6",
         )

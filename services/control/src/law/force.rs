@@ -79,7 +79,7 @@ enum Stage {
 
 const STAGES: [Stage; 4] = [Stage::Seeking, Stage::Rising, Stage::Moving, Stage::Lost];
 
-/// What is remembered of a force from tick to tick.
+/// The state of a force from tick to tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Pressing {
     /// 1 + index of the segment.
@@ -112,7 +112,7 @@ struct Tuning {
     felt_s: f64,
 }
 
-/// What is measured along e at a tick.
+/// The measurements along e at a tick.
 #[derive(Clone, Copy, Debug)]
 struct Felt {
     force_n: f64,

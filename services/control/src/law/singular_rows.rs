@@ -97,10 +97,8 @@ pub(crate) fn engaged<const N: usize>(
             clips: motion.clips,
         };
         let target = target(setup, state, i, s, &situation, (now, motion))?;
-        let most = setup.slew_by_torque(s, &now.terms.A);
-        let gains = motion
-            .planned
-            .map_or(gains, |_| gains.beside(target.rate, most));
+        let beside = |_| gains.beside(target.rate, setup.slew_by_torque(s, &now.terms.A));
+        let gains = motion.planned.map_or(gains, beside);
         let one = &mut state.loops[i];
         let is_hard = control.strategy == Strategy::ChangKhatib;
         let demand = one.step(s, &target, &gains, is_hard, (motion.clock, dt_s));

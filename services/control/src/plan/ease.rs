@@ -27,7 +27,7 @@ const STRIDE: (f64, f64) = (0.15, 1e-3);
 /// Knots that a leg has at least.
 const KNOTS: f64 = 120.0;
 
-/// What the postures of a leg are judged by.
+/// The limits by which the postures of a leg are judged.
 struct Judge<const N: usize> {
     speeds: SVector<f64, N>,
     lower: SVector<f64, N>,

@@ -2,7 +2,7 @@
 
 use super::kinematics::{Kinematics, lowest, slowest};
 use super::request::{Request, analyse, centre};
-use super::route::Knot;
+use super::route::{Knot, SPEED};
 use crate::limits::{clock, range};
 use crate::reference::path::{Leg, Path, Progress};
 use crate::types::Report;
@@ -10,7 +10,7 @@ use model::Pose;
 use nalgebra::SVector;
 
 /// Share of a speed limit that the schedule takes.
-const SPEED: f64 = 0.92;
+const SCHEDULED: f64 = 0.92;
 /// Most of the path's own time with which a plan is in time.
 const IN_TIME: f64 = 1.01;
 /// Share of the search's cost in what a plan is judged by: of two that take as long, the one further from limits.
@@ -179,7 +179,7 @@ impl<const N: usize> PathPlan<N> {
         let next = self.points.get(i + 1);
         let mean = next.map_or(slope, |next| (next.q - q) / (next.u - u));
         let share = slowest(&slope, &velocity).max(slowest(&mean, &velocity));
-        (SPEED / share.max(1e-9)).min(range::stoppable(&q, &slope, request.model))
+        (SCHEDULED / share.max(1e-9)).min(range::stoppable(&q, &slope, request.model))
     }
 
     /// How long the route takes at full speed, s.
@@ -200,7 +200,7 @@ impl<const N: usize> PathPlan<N> {
         self.is_short
     }
 
-    /// The leg that is the fastest for its joints, and the clock at which they can follow it: at most [`SPEED`] of their limits at the peak of its time
+    /// The leg that is the fastest for its joints, and the clock at which they can follow it: at most [`SCHEDULED`] of their limits at the peak of its time
     /// law.
     pub(super) fn fastest(&self, path: &Path, velocity: &SVector<f64, N>) -> (usize, f64) {
         let mut needed = vec![0.0; self.legs()];
@@ -212,7 +212,7 @@ impl<const N: usize> PathPlan<N> {
         }
         let clock = |leg: usize| {
             let peak = path.leg(leg).map_or(1.0, Leg::peak);
-            SPEED * (self.ends[leg] - self.begins(leg)) / (peak * needed[leg]).max(1e-9)
+            SCHEDULED * (self.ends[leg] - self.begins(leg)) / (peak * needed[leg]).max(1e-9)
         };
         (0..self.legs())
             .map(|leg| (leg, clock(leg)))
@@ -324,7 +324,7 @@ impl<const N: usize> PathPlan<N> {
         })
     }
 
-    /// What it is judged by: its time, s, and for a small part the search's cost.
+    /// The price by which plans are compared: its time, s, and for a small part the search's cost.
     pub(super) fn price(&self) -> f64 {
         self.takes_s + COSTS * (self.cost - self.takes_s)
     }
@@ -487,9 +487,7 @@ fn self_motion<const N: usize>(
     from: &Point<N>,
     way: &[SVector<f64, N>],
 ) -> Vec<(f64, SVector<f64, N>)> {
-    let speeds = request
-        .velocity()
-        .map(|speed| (super::route::SPEED * speed).min(TURNING));
+    let speeds = request.velocity().map(|speed| (SPEED * speed).min(TURNING));
     let lengths = way.windows(2);
     let lengths: Vec<f64> = lengths
         .map(|pair| slowest(&(pair[1] - pair[0]), &speeds))

@@ -309,7 +309,7 @@ fn outside_every_neighbourhood_one_solve_is_operational_space_control() {
     assert!(checked > 900, "{checked} postures");
 }
 
-/// What the force asks for along e accelerates the hand along e, as far as rows are kept, in no other row, and no auxiliary coordinate; and what bears a
+/// The force's demand along e accelerates the hand along e, as far as rows are kept, in no other row, and no auxiliary coordinate; and the torque that bears a
 /// contact keeps it from moving the arm.
 #[test]
 fn force_and_motion_are_decoupled() {
