@@ -218,7 +218,10 @@ def test_twists_and_poses_lead_through_a_wrist_lock(store, tmp_path):
         places = np.array([[getattr(one.transforms[0].transform.translation, axis) for axis in "xyz"] for one in face.messages("tf")]) - begin
         along = places @ v / (v @ v)
         assert along.max() > 1 and np.linalg.norm(places - along[:, None] * v, axis=1).max() < 1e-3
-        assert {one.code for one in face.messages("servo_node/status")} <= {0, 1} and max(wrists) > 0.14
+        # On a busy machine a command may come when it is over, or overrun the operator: the log then has the reason for the status "invalid".
+        assert not re.search(r": refused: (?!it is [\d.]+ s old)", face.said()), face.said()
+        known = {-1, 0, 1} if re.search(": refused: |a target is lost", face.said()) else {0, 1}
+        assert {one.code for one in face.messages("servo_node/status")} <= known and max(wrists) > 0.14
         # Back through it by poses.
         face.rests()
         (p, y), goal = face.hand(), begin
