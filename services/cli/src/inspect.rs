@@ -103,5 +103,9 @@ fn posture(args: &InspectArgs, robot: &Robot) -> Result<Vec<f64>, Failure> {
             ..Start::default()
         },
     };
-    robot.start_posture(&start).map_err(Failure::input)
+    let refused = |error| match start.q {
+        Some(_) => Failure::input(format!("{error}; --q is in rad and m, --q-deg in degrees")),
+        None => Failure::input(error),
+    };
+    robot.start_posture(&start).map_err(refused)
 }

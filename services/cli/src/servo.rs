@@ -1,13 +1,13 @@
 //! `armplane servo`: a person, a file or another program steers the arm.
 
 use std::io::IsTerminal;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::Args;
 use lab::studies::steered;
 use runtime::RunDir;
-use session::{Failure, Observer, Progress, Python, Request, Steering, Targets};
+use session::{Failure, Observer, Progress, Python, Request, Steering, Targets, load};
 use shared_types::job::Mode;
 
 use crate::live::{Lines, OperatorSocket, Panel, read_keys};
@@ -65,6 +65,7 @@ const DEFAULT: &str = "servo-panda";
 /// Words of `--from`.
 const KEYBOARD: &str = "keyboard";
 const LINES: &str = "-";
+const TOPIC: &str = "topic";
 
 /// Duration of random twists, s.
 const RANDOM_S: f64 = 60.0;
@@ -90,6 +91,7 @@ pub(crate) fn servo(args: &ServoArgs, form: Form) -> Result<ExitCode, Failure> {
         ));
     };
     let from = args.from.as_deref();
+    from.map_or(Ok(()), check_source)?;
     let loaded = steering(args, subject, targets(args)).load()?;
     // Before anything is made for the run.
     if from == Some(KEYBOARD) && !std::io::stdin().is_terminal() {
@@ -147,10 +149,21 @@ fn targets(args: &ServoArgs) -> Targets {
         (_, Some(seed)) => Targets::Text(steered::twists(seed, args.duration.unwrap_or(RANDOM_S))),
         (None, None) if args.ros2.is_some() => Targets::Live,
         (None, None) => Targets::Scenario,
-        (Some("topic"), _) => Targets::Process,
+        (Some(TOPIC), _) => Targets::Process,
         (Some(KEYBOARD | LINES), _) => Targets::Live,
         (Some(file), _) => Targets::File(file.into()),
     }
+}
+
+/// Refuses a word that is neither a source of targets nor a file.
+fn check_source(from: &str) -> Result<(), Failure> {
+    let (path, known) = (Path::new(from), [KEYBOARD, TOPIC, LINES]);
+    if known.contains(&from) || path.exists() || path.extension().is_some() {
+        return Ok(());
+    }
+    let more = "or give the path of a file of targets, see docs/servo.md";
+    let sentence = load::unknown("source of targets", from, known.into_iter(), more);
+    Err(Failure::Input(sentence))
 }
 
 /// Becomes the study of random twists of so many seeds on each robot.

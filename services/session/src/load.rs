@@ -560,10 +560,11 @@ pub fn unknown<'a>(
 ) -> String {
     let known: Vec<&str> = known.collect();
     let distance = |candidate: &str| {
-        if candidate.starts_with(name) {
-            0
-        } else {
-            file::distance(name, candidate)
+        let beginning = &candidate[..candidate.floor_char_boundary(name.len())];
+        // People leave out the end of a name: `puma`, and `pumma` too.
+        match file::distance(name, beginning) {
+            0 => 0,
+            apart => file::distance(name, candidate).min(1 + apart),
         }
     };
     let near = known.iter().min_by_key(|candidate| distance(candidate));

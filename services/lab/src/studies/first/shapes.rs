@@ -54,7 +54,8 @@ impl Shape {
         let along = ["x", "y", "z"][axis];
         let points = [side(1.0, 0.0), side(1.0, 0.5), side(0.0, 0.0)].join(", ");
         let points = format!("points_m = [{points}], frame = \"start\"");
-        let blend = 0.2 * length.abs();
+        // In whole millimetres: a person reads it.
+        let blend = (200.0 * length.abs()).round() / 1e3;
         let text = match self {
             Self::Line => format!(
                 "[[segment]]\nslide = {{ along = \"{along}\", by_m = {length} }}\nduration_s = 2.0\n\
