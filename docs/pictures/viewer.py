@@ -26,19 +26,17 @@ def free_port():
 
 
 class Viewer:
-    """A headless viewer; `files` are opened in order, or sent one after the other through its input with `piped`. Or the one that a command
-    of armplane opens, `through`."""
+    """A headless viewer of files, or the one that a command of armplane opens, `through`."""
 
-    def __init__(self, files=(), size="1280x720", piped=False, through=None):
+    def __init__(self, files=(), size="1280x720", through=None):
         self.folder = tempfile.TemporaryDirectory()
         environment = dict(os.environ, XDG_RUNTIME_DIR=self.folder.name, XDG_DATA_HOME=self.folder.name)
         if SOFTWARE_DRIVER.exists():
             environment.setdefault("VK_ICD_FILENAMES", str(SOFTWARE_DRIVER))
         port = free_port()
         quiet = subprocess.DEVNULL
-        arguments = ["-"] if piped else [str(file) for file in files]
         headless = ["--headless", "--port", str(port), "--window-size", size]
-        command = [COMMAND, *arguments, "--bind", "127.0.0.1", *headless]
+        command = [COMMAND, *map(str, files), "--bind", "127.0.0.1", *headless]
         if through:
             # The viewer as armplane knows it: the same, without a window.
             stand_in = pathlib.Path(self.folder.name) / "viewer.sh"
@@ -48,12 +46,8 @@ class Viewer:
             environment["ARMPLANE_RERUN"] = str(stand_in)
             command = through
         self.viewer = subprocess.Popen(
-            command, env=environment, stdin=subprocess.PIPE if piped else quiet, stdout=quiet, stderr=quiet, start_new_session=True,
+            command, env=environment, stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True,
         )
-        if piped:
-            for file in files:
-                self.viewer.stdin.write(pathlib.Path(file).read_bytes())
-            self.viewer.stdin.close()
         self.control = subprocess.Popen(
             [COMMAND, "viewer-mcp"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=quiet, text=True, bufsize=1, start_new_session=True,
         )
