@@ -11,9 +11,13 @@
 Twists are `[linear; angular]` in base axes, SI units throughout. docs/arena.md has the tasks, the scores and the table.
 """
 
+from pathlib import Path
+
+# The files of the controllers of others.
+OPPONENTS = sorted((Path(__file__).parents[1] / "opponents").glob("[!_]*.py"))
 _PLACES = {"Arm": "arm", "Position": "laws", "Reference": "laws", "Torque": "laws", "Velocity": "laws"}
 
-__all__ = list(_PLACES)
+__all__ = ["OPPONENTS", *_PLACES]
 
 
 def __getattr__(name):

@@ -24,7 +24,18 @@ from importlib import metadata
 import armplane
 
 from ..results import _armplane, _program, _sentence, toml
-from . import page, picture, tasks
+from . import OPPONENTS
+
+try:
+    import pyarrow
+    from pyarrow import parquet
+
+    from . import page, picture, tasks
+except ImportError as error:
+    if __name__ != "__main__":
+        raise
+    print(f"armplane arena: {error}: pip install 'armplane[arena]' (docs/arena.md)", file=sys.stderr)
+    sys.exit(2)
 
 BASE = page.GIVEN_CLOCK
 OWN = ("armplane", "damped-least-squares", "operational-space", "sai-handler")
@@ -39,7 +50,6 @@ TRIALS = {
 }
 # The end of the name of a law's tuned row.
 TUNED = " tuned"
-OPPONENTS = sorted(path for path in (pathlib.Path(__file__).parent.parent / "opponents").glob("[!_]*.py"))
 PACKAGES = ("daqp", "drake", "jparse-robotics", "mink", "mujoco", "numpy", "pin", "pin-pink", "placo", "robosuite")
 # Longest run of a law on a task, and longest time in which an opponent loads and joins it (--join-limit); s.
 LONGEST, MOST_TRIALS = {"run": 1800, "join": 120}, 6
@@ -61,7 +71,8 @@ VARIED = {
     "payload +10 %": ("--set", "plant.mass_factor=1.1"),
     "payload -10 %": ("--set", "plant.mass_factor=0.9"),
     "noise x 4": ("--set", "plant.encoder_noise_counts=2.0"),
-    f"delay {DELAY} ticks": (),
+    # After the first ten ticks: a drive that has never had a torque stops the arm at once.
+    f"delay {DELAY} ticks": ("--set", f'fault=[{{ at_tick = 10, kind = "delay", process = "estimator", delay_ticks = {DELAY}, for_s = 1000.0 }}]'),
 }
 # Columns that differ from one time to the next, or say nothing of the arm.
 CLOCK = {"key", "median_us", "p99_us", "first_ms", "reason"}
@@ -237,12 +248,9 @@ def run(entry, task, condition, more=()):
     row = {"law": entry.name, "task": task.name, "group": task.group, "condition": condition, "task_hash": task.hash}
     more = [*more, *VARIED.get(condition, ())]
     with tempfile.TemporaryDirectory() as folder:
-        if condition == f"delay {DELAY} ticks":
-            found = after_delay(one_run(entry, tasks.delayed(folder, task, DELAY), folder, more))
-        elif entry.own and "--plant" not in more:
-            found = tried(entry, task, more)
-        else:
-            found = one_run(entry, task.copied(folder), folder, more)
+        found = tried(entry, task, more) if entry.own and "--plant" not in more else one_run(entry, task.copied(folder), folder, more)
+        if condition.startswith("delay"):
+            found = after_delay(found)
         found.update(stated_cost(pathlib.Path(folder) / "cost"))
         if entry.own and task.is_varied and condition == BASE:
             found["median_us"] = own_cost(entry, task, folder, more)
@@ -326,15 +334,11 @@ def own_cost(entry, task, folder, more):
     return sum(latency[name]["p50"] for name in ("analyzer", "controller") if name in latency)
 
 
-def rates():
-    """For each arm, the largest torque step per tick that a drive accepts, as a share of that joint's limit."""
-    share = lambda arm: max(rate / 1000 / effort for rate, effort in zip(arm.torque_rate.tolist(), arm.effort.tolist()))
-    return {name: share(armplane.Arm.builtin(name)) for name in armplane.Arm.names()}
-
-
 def judged(rows):
     """The rows, marked whether the drives accept all their torque steps."""
-    limits = rates()
+    arms = {name: armplane.Arm.builtin(name) for name in armplane.Arm.names()}
+    # The largest step in a millisecond that a drive accepts, as a share of that joint's limit.
+    limits = {name: max(rate / 1000 / effort for rate, effort in zip(arm.torque_rate.tolist(), arm.effort.tolist())) for name, arm in arms.items()}
     for row in rows:
         row["within_rate"] = row.get("torque_step_max_ratio", float("inf")) <= 1.001 * limits.get(row.get("robot"), 0.05)
     return rows
@@ -356,9 +360,6 @@ def refuse(reason):
 
 def check(file):
     """Whether a table fits its hash, and the sentence that says so."""
-    import pyarrow
-    from pyarrow import parquet
-
     try:
         table = parquet.read_table(file)
     except (OSError, pyarrow.ArrowException) as error:
@@ -470,12 +471,6 @@ def again(found, todo, rows, count, more):
 
 def save(folder, rows, digest, command):
     """The table as Parquet, with its hash and the command that made it."""
-    try:
-        import pyarrow
-        from pyarrow import parquet
-    except ImportError as error:
-        print(f"no arena.parquet: {error}: pip install 'armplane[arena]'", file=sys.stderr)
-        return
     names = sorted({name for row in rows for name in row} - {"key"})
     table = pyarrow.table({name: [row.get(name) for row in rows] for name in names})
     # A signal leaves the file whole, or none.
@@ -555,7 +550,7 @@ def races(asked, summary, found, todo, more):
         for law in names:
             with tempfile.TemporaryDirectory() as folder:
                 ended = one_run(known[law], places[name].copied(folder), folder, more, record=True)
-                curves[law] = picture.curves(folder) if "ticks" in ended else {}
+                curves[law] = picture.curves(folder) if "ticks" in ended else None
         out.append((heading, name, curves))
     return out
 

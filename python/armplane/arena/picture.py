@@ -1,66 +1,43 @@
-"""Two laws on one task as curves: error and joint speed over time, as SVG in a page."""
+"""Two laws on one task as curves: error and joint speed over time, as pictures in a page."""
 
+import base64
 import html
-import itertools
-import math
 import pathlib
+import tempfile
 
-# Points of a curve, size of a panel, px, and the colours of two laws.
-POINTS, WIDTH, HEIGHT, COLORS = 240, 400, 130, ("#2e7d32", "#c0392b")
-# Smallest error that is drawn.
-FLOOR = 1e-3
-PANELS = (("error orthogonal to ζ, mm", "mm", True), ("error orthogonal to ζ, °", "deg", True), ("fastest joint, share of its limit", "speed", False))
+import numpy as np
+import pandas
+
+from ..experiments.style import BLUE, RED, legend
+from ..experiments.style import page as drawn
+from ..results import Run
+
+# Points of a curve; and smallest error that is drawn, mm and °.
+POINTS, FLOOR = 240, 1e-3
+PANELS = {"error orthogonal to ζ, mm": "log", "error orthogonal to ζ, °": "log", "fastest joint, share of its limit": "linear"}
 
 
 def curves(folder):
-    """The curves of the recorded run in `folder`/run: names to values, `t` in s; the largest of each stretch of time, `None` where there is none."""
-    from armplane import Run
-
-    table = Run(pathlib.Path(folder) / "run").arrow()
-    column = lambda name: table.column(name).to_pylist()
-    largest = lambda values: max((value for value in values if value is not None), key=abs, default=None)
-    speeds = [column(name) for name in table.schema.names if name.startswith("joint.qdot_ratio.")]
-    whole = {
-        "t": column("t_s"),
-        "mm": column("error.position_mm.orthogonal"),
-        "deg": column("error.orientation_deg.orthogonal"),
-        "speed": [largest(tick) for tick in zip(*speeds)] if speeds else [None] * table.num_rows,
-    }
-    stretch = max(math.ceil(table.num_rows / POINTS), 1)
-    return {name: [largest(values[k : k + stretch]) for k in range(0, len(values), stretch)] for name, values in whole.items()}
+    """The curves of the recorded run in `folder`/run over `t`, s: the largest of each stretch of time, none where there is none."""
+    table = Run(pathlib.Path(folder) / "run").pandas()
+    errors = table[["error.position_mm.orthogonal", "error.orientation_deg.orthogonal"]].clip(lower=FLOOR)
+    whole = pandas.concat([errors, table.filter(like="joint.qdot_ratio.").abs().max(axis=1)], axis=1).set_axis([*PANELS], axis=1)
+    return whole.assign(t=table.t_s).groupby(np.arange(len(table)) * POINTS // len(table)).max()
 
 
 def races(found):
     """The section of the page for what [`__main__.races`] gives."""
     parts = []
     for heading, task, laws in found:
-        missing = "".join(f"<p>{html.escape(law)} has no curve: it was refused or failed." for law, curve in laws.items() if not curve)
-        key = " ".join(f'<span style="color:{color}">■ {html.escape(law)}</span>' for color, law in zip(COLORS, laws))
-        panels = "".join(_panel(title, name, is_log, laws) for title, name, is_log in PANELS)
-        parts.append(f"<h3>{html.escape(task)}: {html.escape(heading)}</h3><p>{key}{missing}<p>{panels}")
+        missing = [f"{law} has no curve: it was refused or failed." for law, curve in laws.items() if curve is None]
+        with tempfile.TemporaryDirectory() as folder:
+            with drawn(f"{folder}/race", f"{task}: {heading}", " and ".join(laws), missing, [(1.9, 3)], files=("svg",)) as (panels,):
+                for axes, (title, scale) in zip(panels, PANELS.items()):
+                    for (law, curve), color in zip(laws.items(), (BLUE, RED)):
+                        if curve is not None:
+                            axes.plot(curve.t, curve[title], color=color, label=law)
+                    axes.set(title=title, xlabel="time, s", yscale=scale)
+                    legend(axes)
+            picture = base64.b64encode(pathlib.Path(f"{folder}/race.svg").read_bytes()).decode()
+        parts.append(f'<p><img alt="{html.escape(f"{task}: {heading}")}" src="data:image/svg+xml;base64,{picture}">')
     return "".join(parts)
-
-
-def _panel(title, name, is_log, laws):
-    scale = (lambda value: math.log10(max(abs(value), FLOOR))) if is_log else abs
-    values = [scale(value) for curve in laws.values() for value in curve.get(name, ()) if value is not None]
-    end = max((curve["t"][-1] for curve in laws.values() if curve), default=0.0)
-    if not values or not end:
-        return ""
-    low, high = (math.floor(min(values)), max(math.ceil(max(values)), math.floor(min(values)) + 1)) if is_log else (0.0, max(*values, 1.0))
-    x = lambda t: 44 + (WIDTH - 54) * t / end
-    y = lambda value: 10 + (HEIGHT - 30) * (1 - (value - low) / (high - low))
-    lines = "".join(
-        f'<polyline fill="none" stroke="{color}" stroke-width="1.4" points="{" ".join(f"{x(t):.1f},{y(scale(v)):.1f}" for t, v in points)}"/>'
-        for color, curve in zip(COLORS, laws.values())
-        for is_gap, points in itertools.groupby(zip(curve.get("t", ()), curve.get(name, ())), lambda point: point[1] is None)
-        if not is_gap
-    )
-    marks = range(int(low), int(high) + 1) if is_log else (0.0, 0.5, 1.0)
-    grid = "".join(
-        f'<line x1="44" x2="{WIDTH - 10}" y1="{y(mark):.1f}" y2="{y(mark):.1f}" stroke="#ddd"/>'
-        f'<text x="40" y="{y(mark) + 4:.1f}" text-anchor="end">{f"{10.0**mark:g}" if is_log else f"{mark:g}"}</text>'
-        for mark in marks
-    )
-    axis = f'<text x="44" y="{HEIGHT - 4}">0 s</text><text x="{WIDTH - 10}" y="{HEIGHT - 4}" text-anchor="end">{end:.1f} s</text>'
-    return f'<figure><figcaption>{html.escape(title)}</figcaption><svg width="{WIDTH}" height="{HEIGHT}" role="img">{grid}{lines}{axis}</svg></figure>'

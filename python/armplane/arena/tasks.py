@@ -123,14 +123,6 @@ def unhinted(folder, tasks, armplane):
     return out
 
 
-def delayed(folder, task, ticks):
-    """The task with every estimate late by so many ticks, after the first ten: a drive that has never had a torque stops the arm at once."""
-    fault = f'\n[[fault]]\nat_tick = 10\nkind = "delay"\nprocess = "estimator"\ndelay_ticks = {ticks}\nfor_s = 1000.0\n'
-    path = pathlib.Path(folder) / f"{task.name}-delayed.toml"
-    path.write_text(task.text + fault)
-    return path
-
-
 def _file(arm):
     """The program's argument for an arm; `None` where it is of a package that is missing."""
     package, _, name = arm.rpartition(":")

@@ -16,7 +16,7 @@ import time
 
 import numpy as np
 
-from ..arena.__main__ import OPPONENTS
+from ..arena import OPPONENTS
 from ..joined import Joined, ProcessError
 from ..results import _program
 from .robot import Robot
