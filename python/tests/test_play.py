@@ -16,6 +16,7 @@ import time
 import types
 import urllib.error
 import urllib.request
+from xml.etree import ElementTree
 
 import armplane
 import numpy as np
@@ -463,11 +464,13 @@ ARM = """<robot name="arm"><link name="base"/><joint name="one" type="revolute">
 @needs_viser
 def test_an_arm_is_drawn_from_its_file_and_what_is_lacking_is_told(tmp_path):
     from armplane.play.body import Body
+    from armplane.play.robot import links
 
     (tmp_path / "arm" / "urdf").mkdir(parents=True)
     (tmp_path / "arm" / "a.stl").write_text(STL)
     tips = np.array([[0, 0, 1], [1, 0, 0], [0, 0, 0], [0, 0.5, 0]])
-    body = Body({"urdf": ARM, "folder": str(tmp_path / "arm" / "urdf")}, ["one", "two", "three"], tips)
+    tree, folder = ElementTree.fromstring(ARM), str(tmp_path / "arm" / "urdf")
+    body = Body(types.SimpleNamespace(tree=tree, links=links(tree, ["one", "two", "three"]), folder=folder, tips=tips, reach=2.5))
     base, mesh, box, ball, tube = body.parts
     assert [part[0] for part in body.parts] == [-1, 0, 0, 1, 2]
     assert [part[2] for part in body.parts] == ["capsule", "mesh", "box", "sphere", "capsule"]

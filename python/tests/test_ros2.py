@@ -51,8 +51,7 @@ def test_frames_are_those_of_the_urdf(tmp_path):
     more = link("camera", "forearm_link", "0.1 0.2 0.3", "0.4 0.5 0.6") + link("pen", "tool0", "0 0 0.1", "0 0.3 0")
     job = _job_of("ur5", tmp_path)
     job["robot"]["urdf"] = job["robot"]["urdf"].replace("</robot>", more + "</robot>")
-    robot = Robot(job)
-    frames, q = Frames(robot, job["robot"]["urdf"]), np.array([0.3, -1.2, 1.6, -1.0, 0.9, 0.2])
+    frames, q = Frames(Robot(job)), np.array([0.3, -1.2, 1.6, -1.0, 0.9, 0.2])
     offset = lambda x, y, z, *rpy: RigidTransform.from_components([x, y, z], Rotation.from_euler("xyz", rpy)).as_matrix()
     turn = lambda angle: offset(0, 0, 0, 0, 0, angle)
     half = np.pi / 2

@@ -2,11 +2,11 @@
 
 import os
 import pathlib
-from xml.etree import ElementTree
 
 import numpy as np
 import trimesh
-from trimesh.transformations import euler_matrix
+
+from .robot import numbers, origin
 
 SHELL, METAL, DARK = (228, 226, 218), (168, 174, 182), (52, 57, 66)
 # A mesh of more triangles is drawn coarser: its corners on a grid of so many steps.
@@ -19,32 +19,19 @@ class Body:
     """`parts`: (link, its pose there, kind, sizes, colour), -1 for the base; `lacking`: why a mesh
     cannot be read. Simpler shapes stand in for it: those for collisions, or a tube."""
 
-    def __init__(self, source, joints, tips):
-        """`source`: the robot of a job; `joints`: names; `tips`: the end of each link, m."""
-        self.folder, self.joints, self.parts = source["folder"], joints, []
-        self.lacking = None
-        robot = ElementTree.fromstring(source["urdf"])
-        self.joint_to = {one.find("child").get("link"): one for one in robot.findall("joint")}
-        self.materials = {one.get("name"): one for one in robot.findall("material")}
-        places = [(*self._place(link.get("name")), link) for link in robot.findall("link")]
-        for number, tip in enumerate(tips, -1):
+    def __init__(self, robot):
+        """`robot`: of `play.robot`."""
+        self.folder, self.parts, self.lacking = robot.folder, [], None
+        self.materials = {one.get("name"): one for one in robot.tree.findall("material")}
+        places = [(*robot.links[link.get("name")], link) for link in robot.tree.findall("link")]
+        for number, tip in enumerate(robot.tips, -1):
             own, found = [place for place in places if place[0] == number], []
             for kind in ("visual", "collision"):
                 try:
                     found = found or [part for place in own for part in self._parts(*place, kind)]
                 except UNREADABLE as error:
                     self.lacking = self.lacking or str(error)
-            self.parts += found or _tube(number, tip, np.linalg.norm(tips, axis=1).sum())
-
-    def _place(self, name):
-        """The joint that moves a link, and the link's pose behind it."""
-        joint = self.joint_to.get(name)
-        if joint is None:
-            return -1, np.eye(4)
-        if joint.get("name") in self.joints:
-            return self.joints.index(joint.get("name")), np.eye(4)
-        number, X = self._place(joint.find("parent").get("link"))
-        return number, X @ _origin(joint)
+            self.parts += found or _tube(number, tip, robot.reach)
 
     def _parts(self, number, X, link, kind):
         for shape in link.findall(kind):
@@ -53,14 +40,14 @@ class Body:
             if material is not None:
                 named = self.materials.get(material.get("name"), material)
                 paints = [*material.findall("color"), *named.findall("color")]
-                colour = tuple(_numbers(paints[0], "rgba")[:3].tolist()) if paints else colour
+                colour = tuple(numbers(paints[0], "rgba")[:3].tolist()) if paints else colour
             sizes = [float(x) for key in SIZES for x in form.get(key, "").split()]
             sizes = self._triangles(form) if form.tag == "mesh" else sizes
-            yield number, X @ _origin(shape), form.tag, sizes, colour
+            yield number, X @ origin(shape), form.tag, sizes, colour
 
     def _triangles(self, form):
         mesh = trimesh.load(self._find(form.get("filename")), force="mesh")
-        mesh.apply_scale(_numbers(form, "scale", "1 1 1"))
+        mesh.apply_scale(numbers(form, "scale", "1 1 1"))
         if len(mesh.faces) > MOST:
             grain = mesh.extents.max() / STEPS
             mesh.vertices = np.round(mesh.vertices / grain) * grain
@@ -81,18 +68,6 @@ class Body:
             homes = [home, *home.parents, *known, *(one / "share" for one in known)]
         found = (one / path for one in homes if (one / path).is_file())
         return str(next(found, path))
-
-
-def _numbers(element, key, usual=""):
-    return np.array(element.get(key, usual).split(), float)
-
-
-def _origin(element):
-    origin, X = element.find("origin"), np.eye(4)
-    if origin is not None:
-        X = euler_matrix(*_numbers(origin, "rpy", "0 0 0"))
-        X[:3, 3] = _numbers(origin, "xyz", "0 0 0")
-    return X
 
 
 def _tube(number, tip, reach):

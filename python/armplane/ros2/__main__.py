@@ -54,7 +54,7 @@ class Ros2(Observer):
     def setup(self):
         self.given = options(sys.argv[1] if len(sys.argv) > 1 else "")
         self.robot, self.door = Robot(self.job), open_door("network" in self.given)
-        self.frames = Frames(self.robot, self.job["robot"]["urdf"])
+        self.frames = Frames(self.robot)
         self.names, self.every = self.robot.arm.joints, max(1, round(1.0 / self.dt / self.given["rate"]))
         self.heard, self.senders, self.said, self.refused, self.due, self.diagnosed = {}, {}, {}, {}, 0, 0
         self._send("/robot_description", "std_msgs/String", self.job["robot"]["urdf"], is_kept=True)

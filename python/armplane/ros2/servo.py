@@ -3,11 +3,9 @@
 Each function gives the line of a target (docs/servo.md); a command that cannot be followed raises ValueError. Then the arm comes to rest, as with Servo.
 """
 
-import xml.etree.ElementTree as xml
-
 import numpy as np
 
-from ..rotation import rotation_exp, rotation_log, rotation_of
+from ..rotation import rotation_log, rotation_of
 
 # Servo's defaults: age at which a command is over (s), what 1.0 means without units (m/s, rad/s, and rad/s or m/s of a joint), room before a joint's limit.
 TIMEOUT_S, LINEAR, ROTATIONAL, JOINT, MARGIN = 0.1, 0.4, 0.8, 0.5, 0.1
@@ -48,44 +46,23 @@ def quaternion(R):
     return np.append(np.cos(np.linalg.norm(turn) / 2), turn * np.sinc(np.linalg.norm(turn) / (2 * np.pi)) / 2)
 
 
-def _matrix(origin):
-    """The pose of a URDF's `origin`, (4, 4)."""
-    pose, given = np.eye(4), {} if origin is None else origin.attrib
-    read = lambda name: [float(x) for x in given.get(name, "0 0 0").split()]
-    (roll, pitch, yaw), pose[:3, 3] = read("rpy"), read("xyz")
-    pose[:3, :3] = rotation_exp(np.array([0, 0, yaw])) @ rotation_exp(np.array([0, pitch, 0])) @ rotation_exp(np.array([roll, 0, 0]))
-    return pose
-
-
 class Frames:
-    """The frames of a robot by the names of its URDF's links. `base` is the root's name."""
+    """The frames of a robot (of `armplane.play.robot`) by the names of its URDF's links. `base` is the root's name."""
 
-    def __init__(self, robot, text):
-        """`robot`: of `armplane.play.robot`. `text`: its URDF."""
-        arm, self.robot, self.tip = robot.arm, robot, robot.arm.tip
-        # Of each link: the place of the frame on which it is fixed, -1 for the base, and its pose there.
-        self.fixed = {}
-        tree = xml.fromstring(text.encode())
-        joints = {joint.find("child").get("link"): joint for joint in tree.findall("joint")}
-        links = [link.get("name") for link in tree.findall("link")]
-        self.base = next(name for name in links if name not in joints)
-        for name in links:
-            at, link = np.eye(4), name
-            while link in joints and joints[link].get("name") not in arm.joints:
-                at, link = _matrix(joints[link].find("origin")) @ at, joints[link].find("parent").get("link")
-            self.fixed[name] = arm.joints.index(joints[link].get("name")) if link in joints else -1, at
+    def __init__(self, robot):
+        self.robot, self.tip = robot, robot.arm.tip
+        children = {one.get("link") for one in robot.tree.iter("child")}
+        self.base = next(name for name in robot.links if name not in children)
 
     def pose(self, name, q):
         """The pose of a frame in the base, (4, 4); ValueError for an unknown one."""
         name = name.lstrip("/")
-        if name == self.base:
-            return np.eye(4)
         if name == self.tip:
             return self.robot.frames(q)[-1]
-        if name not in self.fixed:
-            known = ", ".join([self.base, *(one for one in self.fixed if one != self.base), self.tip])
+        if name not in self.robot.links:
+            known = ", ".join([self.base, *(one for one in self.robot.links if one != self.base), self.tip])
             raise ValueError(f"its frame_id is '{name}', and the arm's frames are {known}")
-        place, at = self.fixed[name]
+        place, at = self.robot.links[name]
         return at if place < 0 else self.robot.frames(q)[place] @ at
 
 
