@@ -9,7 +9,6 @@ a cause is the one that was put in, kept only where the controller itself has fe
 """
 
 import argparse
-import collections
 import json
 import pathlib
 import sys
@@ -24,27 +23,16 @@ from pyarrow import parquet
 from scipy.spatial.transform import Rotation
 
 DT = 0.002
+ROBOTS = pathlib.Path(__file__).resolve().parents[2] / "services" / "model" / "robots"
 SINGULAR, OTHERS = "singularity", ("joint limit", "speed limit", "torque limit", "gap in the stamps", "jump in the command", "NaN", "oscillation", "unknown", "none")
 LAWS = ("dls", "pinv clamped", "servo halt", "pinv fault", "inverse kinematics", "impedance")
 STYLES = ("csv", "csv degrees", "lerobot", "mcap", "rosbag2", "rosbag2 mcap")
-# An arm of six joints with a spherical wrist, without masses: what many drivers' packages have. Place, axis, limit and speed of each joint.
-PLAIN = """0 0 0.4|0 0 1|2.9|2.5\n0.05 0 0|0 1 0|2.0|2.2\n0 0 0.45|0 1 0|2.6|2.5\n0.2 0 0.04|1 0 0|3.1|4.0\n0.22 0 0|0 1 0|2.1|4.0\n0.08 0 0|1 0 0|6.2|6.0"""
-
-
-def plain_urdf():
-    text = ""
-    for k, row in enumerate(PLAIN.splitlines()):
-        xyz, axis, limit, speed = row.split("|")
-        text += f'<link name="l{k + 1}"/><joint name="axis_{k + 1}" type="revolute"><parent link="l{k}"/><child link="l{k + 1}"/>'
-        text += f'<origin xyz="{xyz}" rpy="0 0 0"/><axis xyz="{axis}"/><limit lower="-{limit}" upper="{limit}" velocity="{speed}" effort="0"/></joint>'
-    return f'<robot name="plain"><link name="l0"/>{text}</robot>'
 
 
 def arms():
     """Six arms, (name for the command, tip, path of the URDF): three that are built in, three of `example-robot-data`."""
-    own = pathlib.Path(__file__).resolve().parents[2] / "services" / "model" / "robots"
     others = next(path for root in sys.path for path in pathlib.Path(root).glob("cmeel.prefix/share/example-robot-data/robots"))
-    rows = [("ur5", "tool0", own / "ur5.urdf"), ("puma560", "ee", own / "puma560.urdf"), ("panda", "panda_link8", own / "panda.urdf")]
+    rows = [(name, tip, ROBOTS / f"{name}.urdf") for name, tip in (("ur5", "tool0"), ("puma560", "ee"), ("panda", "panda_link8"))]
     for name, tip in (("kinova_description/robots/kinova", "j2s6s200_link_6"), ("z1_description/urdf/z1", "link06"), ("talos_data/robots/talos_left_arm", "arm_left_7_link")):
         rows.append((str(others / f"{name}.urdf"), tip, others / f"{name}.urdf"))
     return rows
@@ -53,13 +41,12 @@ def arms():
 class Arm:
     """An arm in MuJoCo: the chain from the root to `tip`, all other joints fixed, no contacts."""
 
-    def __init__(self, path, tip=None):
+    def __init__(self, path, tip):
         root = ElementTree.parse(path).getroot()
         for link in root.iter("link"):
             for one in [*link.findall("visual"), *link.findall("collision")]:
                 link.remove(one)
         parents = {joint.find("child").get("link"): joint for joint in root.findall("joint")}
-        tip = tip or root.findall("link")[-1].get("name")
         chain, link = [], tip
         while link in parents:
             chain.insert(0, parents[link])
@@ -504,31 +491,17 @@ def messages(log, arm, types):
 
 
 def write_messages(log, arm, folder, style):
-    """By rosbags as a bag of either kind, or by mcap as one file."""
-    from mcap.writer import Writer as McapWriter
+    """By rosbags as a bag of either kind; or the one file of a bag."""
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
-    store, known = get_typestore(Stores.ROS2_HUMBLE), {}
-    path = folder / ("log.mcap" if style == "mcap" else "bag")
-    found = ((topic, int(t * 1e9), one.__msgtype__, bytes(store.serialize_cdr(one, one.__msgtype__))) for topic, t, one in messages(log, arm, store.types))
-    if style != "mcap":
-        with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3 if style == "rosbag2" else StoragePlugin.MCAP) as bag:
-            for topic, t_ns, kind, data in found:
-                if topic not in known:
-                    known[topic] = bag.add_connection(topic, kind, typestore=store)
-                bag.write(known[topic], t_ns, data)
-        return path
-    with open(path, "wb") as file:
-        writer = McapWriter(file)
-        writer.start("ros2")
-        for topic, t_ns, kind, data in found:
+    store, known, path = get_typestore(Stores.ROS2_HUMBLE), {}, folder / "bag"
+    with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3 if style == "rosbag2" else StoragePlugin.MCAP) as bag:
+        for topic, t, one in messages(log, arm, store.types):
             if topic not in known:
-                schema = writer.register_schema(kind, "ros2msg", store.generate_msgdef(kind, ros_version=2)[0].encode())
-                known[topic] = writer.register_channel(topic, "cdr", schema)
-            writer.add_message(known[topic], t_ns, data, t_ns)
-        writer.finish()
-    return path
+                known[topic] = bag.add_connection(topic, one.__msgtype__, typestore=store)
+            bag.write(known[topic], int(t * 1e9), store.serialize_cdr(one, one.__msgtype__))
+    return next(path.glob("*.mcap")) if style == "mcap" else path
 
 
 def incident(seed, rows, folder):
@@ -571,14 +544,12 @@ def incident(seed, rows, folder):
     np.savez(folder / "truth.npz", t=log["t"], q=log["q"])
     how = law if is_singular else f"{mode}{', beside a singularity' if decoy else ''}"
     truth = {"seed": seed, "cause": cause, "t": felt + idle * arm.dt, "arm": name, "tip": tip, "rate": rate, "style": style, "law": how}
-    return {**truth, "folder": str(folder), "path": str(write(log, arm, folder, rng, style))}
+    return {**truth, "path": str(write(log, arm, folder, rng, style))}
 
 
-def off_deg(arm, truth, first):
+def off_deg(arm, t, q, first):
     """Angle of a stated ζ to the true one, degrees; 90 where a rotation is stated for a translation, or the other way round."""
-    with np.load(pathlib.Path(truth["folder"]) / "truth.npz") as rows:
-        q = rows["q"][np.argmin(np.abs(rows["t"] - rows["t"][0] - first["t_nearest"]))]
-    zeta, true = np.array(first["zeta"]), arm.zeta(q)
+    zeta, true = np.array(first["zeta"]), arm.zeta(q[np.argmin(np.abs(t - t[0] - first["t_nearest"]))])
     part, kind = (zeta[:3], "force") if np.linalg.norm(zeta[:3]) > 0.5 else (zeta[3:], "moment")
     return 90.0 if true[kind] is None else float(np.degrees(np.arccos(min(1.0, abs(part @ true[kind])))))
 
@@ -591,28 +562,26 @@ def main():
     parser.add_argument("count", type=int)
     parser.add_argument("--keep", type=pathlib.Path, help="folder for the logs, which are not written again [default: a temporary one]")
     options = parser.parse_args()
-    rows, counts, angles, skipped = arms(), collections.Counter(), [], 0
-    paths = {name: path for name, _, path in rows}
+    rows, found = arms(), []
     with tempfile.TemporaryDirectory() as temporary:
         for seed in range(options.first, options.first + options.count):
             folder = (options.keep or pathlib.Path(temporary)) / str(seed)
             kept = folder / "truth.json"
             truth = json.loads(kept.read_text()) if kept.is_file() else incident(seed, rows, folder)
             if truth is None:
-                skipped += 1
                 continue
             kept.write_text(json.dumps(truth))
-            answer = autopsy.autopsy(truth["path"], truth["arm"], truth["tip"])
-            counts[truth["cause"], answer["cause"]] += 1
-            if truth["cause"] == answer["cause"] == SINGULAR:
-                angles.append(off_deg(Arm(paths[truth["arm"]], truth["tip"]), truth, answer["evidence"][0]))
+            answer, deg = autopsy.autopsy(truth["path"], truth["arm"], truth["tip"]), None
             if truth["cause"] != answer["cause"]:
                 print(json.dumps({**truth, "answer": answer["cause"]}), flush=True)
-    total, right = sum(counts.values()), sum(n for (true, said), n in counts.items() if true == said)
-    others = sum(n for (true, _), n in counts.items() if true != SINGULAR)
-    false = sum(n for (true, said), n in counts.items() if said == SINGULAR != true)
-    print(f"{total} incidents ({skipped} seeds gave none): right cause first {right / max(total, 1):.1%}; called a singularity falsely {false} of {others}; "
-          f"ζ within 5° in {sum(angle < 5 for angle in angles)} of {len(angles)}")  # fmt: skip
+            elif truth["cause"] == SINGULAR:
+                with np.load(folder / "truth.npz") as state:
+                    deg = off_deg(Arm(*rows[seed % len(rows)][:0:-1]), state["t"], state["q"], answer["evidence"][0])
+            found.append((truth["cause"], answer["cause"], deg))
+    table = pandas.DataFrame(found, columns=["true", "said", "deg"])
+    others = table[table.true != SINGULAR]
+    print(f"{len(table)} incidents ({options.count - len(table)} seeds gave none): right cause first {(table.true == table.said).mean():.1%}; "
+          f"called a singularity falsely {(others.said == SINGULAR).sum()} of {len(others)}; ζ within 5° in {(table.deg < 5).sum()} of {table.deg.count()}")  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 import json
 import pathlib
+import re
 import subprocess
 import sys
 
@@ -9,17 +10,17 @@ import incidents
 import numpy as np
 import pytest
 from armplane import autopsy
-from armplane.autopsy.robot import Robot
 
 pytest.importorskip("mujoco")
 
 
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory):
-    path = tmp_path_factory.mktemp("arm") / "plain.urdf"
-    path.write_text(incidents.plain_urdf())
-    made = incidents.Arm(path)
-    # The file states no torque limit; the simulated drives have one.
+    """A slow UR5 whose file states no masses and torque limits, as many do; the simulated drives have limits."""
+    path, text = tmp_path_factory.mktemp("arm") / "bare.urdf", (incidents.ROBOTS / "ur5.urdf").read_text()
+    text = re.sub('effort="[^"]*" velocity="[^"]*"', 'effort="0" velocity="2"', re.sub("(?s)<inertial>.*?</inertial>", "", text))
+    path.write_text(text)
+    made = incidents.Arm(path, "tool0")
     made.effort[:] = [80.0, 80.0, 60.0, 15.0, 10.0, 6.0]
     return made, str(path)
 
@@ -64,20 +65,7 @@ def test_the_cause_is_found(arm, tmp_path, cause, how, style):
         first = answer["evidence"][0]
         assert answer["t"] - 0.5 < felt < first.get("until", answer["t"]) + 0.5
     if cause == "singularity":
-        first = answer["evidence"][0]
-        truth = arm[0].zeta(log["q"][np.argmin(np.abs(log["t"] - log["t"][0] - first["t_nearest"]))])
-        zeta = np.array(first["zeta"])
-        lost, is_translation = (zeta[:3], True) if np.linalg.norm(zeta[:3]) > 0.5 else (zeta[3:], False)
-        assert abs(lost @ np.array(truth["force" if is_translation else "moment"])) > np.cos(np.radians(5))
-
-
-def test_kinematics_are_those_of_the_arm():
-    robot = Robot("panda")
-    q = np.random.default_rng(1).uniform(-2, 2, (20, 7))
-    pose, J = robot.move(q)
-    for k in range(len(q)):
-        at = robot.arm.at(q[k])
-        assert np.abs(pose[k] - at.pose).max() < 1e-12 and np.abs(J[k] - at.J).max() < 1e-12
+        assert incidents.off_deg(arm[0], log["t"], log["q"], answer["evidence"][0]) < 5
 
 
 def test_another_order_of_joints_is_found_and_another_robot_is_said(arm, tmp_path):
@@ -85,7 +73,7 @@ def test_another_order_of_joints_is_found_and_another_robot_is_said(arm, tmp_pat
     order = [2, 0, 1, 5, 3, 4]
     pose = [arm[0].pose(q)[0] for q in log["q"]]
     names = [*(f"q{j}" for j in range(6)), "tcp_pose_x", "tcp_pose_y", "tcp_pose_z"]
-    for name, q in (("mixed", log["q"][:, order]), ("other", -log["q"] + 0.3)):
+    for name, q in (("mixed", log["q"][:, order]), ("other", 1.4 * log["q"] + 0.3)):
         np.savetxt(tmp_path / f"{name}.csv", np.c_[log["t"], q, pose], delimiter=",", header=",".join(["time", *names]), comments="")
     assert autopsy.autopsy(tmp_path / "mixed.csv", arm[1])["cause"] == "none"
     assert autopsy.autopsy(tmp_path / "other.csv", arm[1])["cause"] == "another robot"
