@@ -30,23 +30,28 @@ class _Topic(ctypes.Structure):
 
 
 _Look = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
-_FUNCTIONS = {
-    "join": (ctypes.c_void_p, ctypes.c_uint32, ctypes.c_char_p, ctypes.c_char_p, ctypes.c_char_p, ctypes.c_size_t),
-    "about": (ctypes.POINTER(_Now), ctypes.c_void_p),
-    "topic_at": (ctypes.POINTER(_Topic), ctypes.c_void_p, ctypes.c_size_t),
-    "folder": (ctypes.c_char_p, ctypes.c_void_p),
-    "input": (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_uint64),
-    "copy": (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_uint64),
-    "output": (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_uint64),
-    "wait": (ctypes.c_int32, ctypes.c_void_p),
-    "send": (ctypes.c_int32, ctypes.c_void_p, ctypes.c_int32),
-    "keep": (ctypes.c_int32, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_size_t),
-    "previous": (ctypes.c_void_p, ctypes.c_void_p, ctypes.POINTER(ctypes.c_size_t)),
-    "look_out": (None, ctypes.c_void_p, _Look, ctypes.c_void_p),
-    "fail": (ctypes.c_int32, ctypes.c_void_p, ctypes.c_char_p),
-    "error": (ctypes.c_char_p, ctypes.c_void_p),
-    "leave": (ctypes.c_int32, ctypes.c_void_p),
-}
+_KINDS = {
+    "void": None, "int": ctypes.c_int32, "u32": ctypes.c_uint32, "u64": ctypes.c_uint64, "size": ctypes.c_size_t, "text": ctypes.c_char_p,
+    "void*": ctypes.c_void_p, "size*": ctypes.POINTER(ctypes.c_size_t), "now*": ctypes.POINTER(_Now), "topic*": ctypes.POINTER(_Topic), "look": _Look,
+}  # fmt: skip
+# Of each function: its name, what it returns, and its arguments; of all but `join`, a handle comes first.
+_FUNCTIONS = """
+join: void* u32 text text text size
+about: now* void*
+topic_at: topic* void* size
+folder: text void*
+input: void* void* text u64
+copy: void* void* text u64
+output: void* void* text u64
+wait: int void*
+send: int void* int
+keep: int void* text size
+previous: void* void* size*
+look_out: void void* look void*
+fail: int void* text
+error: text void*
+leave: int void*
+"""
 
 
 @functools.lru_cache(maxsize=None)
@@ -59,9 +64,9 @@ def _library():
     if place is None:
         raise ProcessError(f"libarmplane-process is in none of {', '.join(str(place.parent) for place in places)}: install the wheel that `python/build` makes")
     library = ctypes.CDLL(str(place))
-    for name, (result, *arguments) in _FUNCTIONS.items():
+    for name, kinds in (line.split(": ") for line in _FUNCTIONS.strip().splitlines()):
         function = getattr(library, f"armplane_process_{name}")
-        function.restype, function.argtypes = result, arguments
+        function.restype, *function.argtypes = (_KINDS[kind] for kind in kinds.split())
     return library
 
 

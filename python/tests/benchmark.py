@@ -1,18 +1,14 @@
-"""Measures the package as it is installed: `python benchmark.py [COUNT]`, COUNT singular states of each arm (10,000 by default). With `pip install mink
-pin-pink` it also times a solve of mink and of pink, on the same arm and state. docs/python.md has the numbers.
+"""Measures the package as it is installed: `python benchmark.py [COUNT]`, COUNT singular states of each arm (10,000 by default). docs/python.md has the
+numbers.
 """
 
-import importlib.util
-import json
-import pathlib
-import re
 import resource
 import sys
-import tempfile
 import time
 
 import armplane
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 HALF = np.pi / 2
 # Joints at these values make the arm singular; with a joint named after them, together with that joint at a value that depends on the others.
@@ -43,17 +39,16 @@ def locked(arm, q, joints, last):
     """The posture `q` with those joints at their values, and the joint `last` where the arm is singular; None where it nowhere is."""
     for joint, value in joints.items():
         q[joint] = value
-    q = np.tile(q, (100, 1))
-    q[:, last] = np.linspace(arm.lower[last], arm.upper[last], 100)
-    smallest = lambda rows: [np.linalg.svd(arm.at(row).J, compute_uv=False)[-1] for row in rows]
-    place = int(np.clip(np.argmin(smallest(q)), 1, 98))
-    low, high, golden = q[place - 1, last], q[place + 1, last], (5**0.5 - 1) / 2
-    for _ in range(50):
-        pair = q[:2]
-        pair[:, last] = high - (high - low) * golden, low + (high - low) * golden
-        left, right = smallest(pair)
-        low, high = (low, pair[1, last]) if left < right else (pair[0, last], high)
-    return pair[0] if min(left, right) < 1e-9 else None
+
+    def smallest(angle):
+        q[last] = angle
+        return np.linalg.svd(arm.at(q).J, compute_uv=False)[-1]
+
+    grid = np.linspace(arm.lower[last], arm.upper[last], 100)
+    place = int(np.clip(np.argmin([smallest(angle) for angle in grid]), 1, 98))
+    found = minimize_scalar(smallest, bounds=grid[[place - 1, place + 1]], method="bounded", options={"xatol": 1e-11})
+    q[last] = found.x
+    return q if found.fun < 1e-9 else None
 
 
 def step(name, count=100_000):
@@ -66,56 +61,8 @@ def step(name, count=100_000):
         begin = time.perf_counter()
         law.step(q, qdot, pose, twist, out=out)
         times[i] = time.perf_counter() - begin
-    told(f"Law.step {name}", times, law.state.reason)
-
-
-def told(what, times, state):
     at = lambda share: 1e6 * np.quantile(times, share)
-    print(f"{what}: p50 {at(0.5):.1f} µs, p99 {at(0.99):.1f} µs, p99.9 {at(0.999):.1f} µs, max {at(1.0):.0f} µs over {len(times)} calls ({state})")
-
-
-def others(name, tip, count=5_000):
-    """A solve of mink and of pink: joint velocities towards the pose of `step`, 10 mm further, with position and velocity limits, by the solver DAQP."""
-    import mink
-    import mujoco
-    import pink
-    import pinocchio
-
-    arm = armplane.Arm.builtin(name)
-    q = np.array(next(iter(arm.postures.values())))
-    with tempfile.TemporaryDirectory() as folder:
-        scenario = pathlib.Path(folder, "rest.toml")
-        scenario.write_text(f'name = "rest"\nrobot = "{name}"\nsettle_s = 0.1\n[start]\nq = {q.tolist()}\n[[segment]]\nduration_s = 0.1\n')
-        run = armplane.run(scenario, out=f"{folder}/run", record=False)
-        urdf = json.loads((run.folder / "job.json").read_text())["robot"]["urdf"]
-    goal = arm.at(q).pose
-    goal[0, 3] += 0.01
-
-    model = mujoco.MjModel.from_xml_string(re.sub("<robot[^>]*>", r'\g<0><mujoco><compiler fusestatic="false" discardvisual="true"/></mujoco>', urdf, count=1))
-    at, task = mink.Configuration(model), mink.FrameTask(tip, "body", position_cost=1.0, orientation_cost=1.0)
-    task.set_target(mink.SE3.from_matrix(goal))
-    speeds = {joint: speed for joint, speed in zip(arm.joints, arm.velocity)}
-    limits = [mink.ConfigurationLimit(model), mink.VelocityLimit(model, speeds)]
-
-    def mink_solve():
-        at.update(q)
-        return mink.solve_ik(at, [task], 0.001, "daqp", limits=limits)
-
-    model_ = pinocchio.buildModelFromXML(urdf)
-    at_, task_ = pink.Configuration(model_, model_.createData(), q), pink.tasks.FrameTask(tip, position_cost=1.0, orientation_cost=1.0)
-    task_.set_target(pinocchio.SE3(goal))
-
-    def pink_solve():
-        at_.update(q)
-        return pink.solve_ik(at_, [task_], 0.001, solver="daqp")
-
-    for what, solve in (("mink.solve_ik", mink_solve), ("pink.solve_ik", pink_solve)):
-        times = np.empty(count)
-        for i in range(count):
-            begin = time.perf_counter()
-            velocity = solve()
-            times[i] = time.perf_counter() - begin
-        told(f"{what} {name}", times, f"{np.abs(velocity / arm.velocity).max():.0%} of a speed limit")
+    print(f"Law.step {name}: p50 {at(0.5):.1f} µs, p99 {at(0.99):.1f} µs, p99.9 {at(0.999):.1f} µs, max {at(1.0):.0f} µs over {count} calls ({law.state.reason})")
 
 
 def arms(name, count):
@@ -154,11 +101,9 @@ def laws(name, count, batch=10_000, ticks=3):
 
 
 if __name__ == "__main__":
-    for name, tip in (("ur5", "tool0"), ("puma560", None), ("iiwa14", None), ("panda", "panda_link8")):
+    for name in ("ur5", "puma560", "iiwa14", "panda"):
         step(name)
-        if tip and importlib.util.find_spec("mink") and importlib.util.find_spec("pink"):
-            others(name, tip)
-    for name in ("puma560", "iiwa14", "panda"):
+    for name in SINGULAR:
         count = int(sys.argv[1]) if len(sys.argv) > 1 else 10_000
         arms(name, count)
         laws(name, count)
