@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use model::{Geometry, JointKind, Robot, Shape};
+use shared_types::scenario::Surface;
 
 use crate::meshes::Meshes;
 use crate::pose::{Placement, Rgba, placement, vec3};
@@ -13,6 +14,7 @@ const SHELL: Rgba = 0xe4e2daff;
 const JOINT: Rgba = 0x606874ff;
 const DARK: Rgba = 0x343942ff;
 const METAL: Rgba = 0xa8aeb6ff;
+const SURFACE: Rgba = 0x6f80984c;
 
 /// The form of a part, m, centred at its frame, with its long axis along z.
 #[derive(Clone, Debug, PartialEq)]
@@ -56,6 +58,28 @@ impl Part {
             at,
             form: Form::Cylinder { radius, length },
             colour,
+        }
+    }
+
+    /// A surface that the hand may touch: a ball, or a slab under a plane, wide enough for an arm of this reach; m.
+    pub(crate) fn surface(surface: &Surface, reach: f32) -> Self {
+        let (point, normal) = (vec3(&surface.point_m.into()), vec3(&surface.normal.into()));
+        let (form, at) = match surface.radius_m {
+            Some(radius) => {
+                let (radius, length) = (radius as f32, 0.0);
+                (Form::Capsule { radius, length }, Placement::at(point))
+            }
+            None => {
+                let size = reach * Vec3::new(0.5, 0.5, 0.01);
+                let centre = point - normal.normalize_or(Vec3::Z) * (0.5 * size.z);
+                (Form::Box(size), Placement::along(centre, normal))
+            }
+        };
+        Self {
+            link: None,
+            at,
+            form,
+            colour: SURFACE,
         }
     }
 

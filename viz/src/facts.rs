@@ -84,7 +84,7 @@ impl<'a> Facts<'a> {
             body: Body::new(robot, floor_m, &meshes),
             lacking,
             task: robot.task.0,
-            limits: Limits::new(robot),
+            limits: Limits::new(robot).with_forces(scenario),
             hops: chain_hops(&job.graph),
         })
     }

@@ -55,6 +55,7 @@ const PLOTTED: &[Signal] = {
         Beta,
         Scale,
         Latency,
+        Pressed,
     ]
 };
 
@@ -176,6 +177,18 @@ fn plots(facts: &Facts, recorded: &Recorded) -> Vec<serde_json::Value> {
         errors(facts, recorded),
         "Desired against true pose, orthogonal to and along the singular directions ζ that the arm is inside of.",
     ));
+    let colours = [GREY, BLUE].map(on_paper);
+    let force = panel(
+        recorded,
+        "force along its axis, N",
+        Signal::Pressed,
+        &colours,
+        "",
+    );
+    rows.push((
+        vec![force],
+        "The force of the segment along its axis: the set-point, and the simulator's true contact.",
+    ));
     rows.push((
         joints(facts, recorded),
         "The joints; colours are the same in all four.",
@@ -194,18 +207,20 @@ fn plots(facts: &Facts, recorded: &Recorded) -> Vec<serde_json::Value> {
          whole chain among them: in lockstep they say how fast the machine is, not how punctual.",
     ));
     let row = |(plots, caption): (Vec<Plot>, &str)| {
+        let is_alone = plots.len() == 1;
         let plots = plots.iter().filter(|plot| !plot.curves.is_empty());
-        json!({ "plots": plots.map(drawn).collect::<Vec<_>>(), "caption": caption })
+        let plots = plots.map(|plot| drawn(plot, is_alone));
+        json!({ "plots": plots.collect::<Vec<_>>(), "caption": caption })
     };
     let rows = rows.into_iter().map(row);
-    rows.filter(|_| !recorded.lines.is_empty()).collect()
+    rows.filter(|row| !row["plots"][0].is_null()).collect()
 }
 
-/// A plot as the page has it; the one of singularities as wide as the page, and drawn anew for a narrow one.
-fn drawn(plot: &Plot) -> serde_json::Value {
-    let sizes: &[[f64; 2]] = match plot.floor {
-        Some(_) => &[[700.0, 190.0], [350.0, 170.0]],
-        None => &[[350.0, 150.0]],
+/// A plot as the page has it; one alone in its row as wide as the page, and drawn anew for a narrow one.
+fn drawn(plot: &Plot, is_alone: bool) -> serde_json::Value {
+    let sizes: &[[f64; 2]] = match is_alone {
+        true => &[[700.0, 190.0], [350.0, 170.0]],
+        false => &[[350.0, 150.0]],
     };
     let drawings = sizes
         .iter()

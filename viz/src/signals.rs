@@ -7,6 +7,7 @@ use model::Robot;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use shared_types::graph::Graph;
 use shared_types::messages::SingularityState;
+use shared_types::scenario::{Force, Scenario};
 use shared_types::topics::{ByTopic, CHAIN, Lent};
 use shared_types::wire::Stamps;
 use shared_types::{ControlState, MAX_DOF, SingularityReport};
@@ -136,6 +137,7 @@ pub(crate) enum Elements {
 
 const XYZ: Elements = Elements::Named(&["x", "y", "z"]);
 const PARTS: Elements = Elements::Named(&["orthogonal", "along"]);
+const PRESSED: Elements = Elements::Named(&["desired", "contact"]);
 const SCALES: Elements = Elements::Named(&["time", "task", "null"]);
 
 /// A row of the list.
@@ -227,6 +229,18 @@ impl<'a, 'm> Now<'a, 'm> {
         let count = self.row.singularities().len();
         let command = self.row.control_state;
         command.map(|m| values(m)[..count].iter().copied())
+    }
+
+    /// The force of the present segment along its axis, [set-point, true contact]; N.
+    pub(crate) fn pressed(&self) -> Option<[f64; 2]> {
+        let (m, command) = (self.row.plant_state?, self.row.control_state?);
+        let force = self.limits.forces.get(command.segment as usize)?.as_ref()?;
+        let e = match force.is_of_tool {
+            true => Matrix3::from_column_slice(&m.R_BE) * force.axis,
+            false => force.axis,
+        };
+        let contact = -e.dot(&Vector3::from(m.contact_force_n));
+        Some([force.newtons, contact])
     }
 
     /// The norms of an error orthogonal to the singular directions that the arm is inside of, and along them; base axes.
@@ -381,6 +395,8 @@ signals! {
     ContactForce "world:contact_force_vector" "N" Table, XYZ, plant_state |t, m| m.contact_force_n;
     /// Force of the surroundings on the hand as the wrist's sensor measures it; base axes
     Felt "force:measured" "N" Table, XYZ, wrist_force |t, m| m.force_n;
+    /// Force of the segment along its axis: set-point, and true contact
+    Pressed "force:along_axis" "N" Table, PRESSED, |t| t.pressed();
     /// 1 inside the neighbourhood of the singularity, else 0
     Inside "singularity:inside" "1" Table, Singularities, |t| t.each(|one| f64::from(one.inside));
     /// Singular direction at the wrist centre: a unit vector, a translation (v) or a rotation (w); base axes
@@ -516,9 +532,21 @@ fn hops_us(stamps: Option<&Stamps>, hops: Option<ChainHops>) -> Option<[f64; HOP
     Some(times)
 }
 
-/// The limits that make ratios of joint quantities.
+/// A force that a segment asks for.
+#[derive(Clone, Debug)]
+pub(crate) struct Pressed {
+    /// Set-point, N.
+    newtons: f64,
+    /// A unit vector, in the hand's axes or the base's.
+    axis: Vector3<f64>,
+    is_of_tool: bool,
+}
+
+/// The constants of a run that its numbers need: limits that make ratios of joint quantities, and forces.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Limits {
+    /// By segment; empty of a run that presses on nothing.
+    pub(crate) forces: Vec<Option<Pressed>>,
     pub(crate) centre: Vec<f64>,
     pub(crate) half_range: Vec<f64>,
     pub(crate) speed: Vec<f64>,
@@ -541,10 +569,29 @@ impl Limits {
             })
             .unzip();
         Self {
+            forces: Vec::new(),
             centre,
             half_range,
             speed: of(|joint| joint.velocity),
             torque: of(|joint| joint.effort),
+        }
+    }
+
+    /// The same, and the forces of a scenario.
+    pub(crate) fn with_forces(self, scenario: &Scenario) -> Self {
+        let pressed = |force: &Force| {
+            let (axis, is_of_tool) = force.direction()?;
+            Some(Pressed {
+                newtons: force.newtons,
+                axis: axis.into(),
+                is_of_tool,
+            })
+        };
+        let segments = scenario.segment.iter().filter(|_| scenario.presses());
+        let forces = segments.map(|one| one.force.as_ref().and_then(pressed));
+        Self {
+            forces: forces.collect(),
+            ..self
         }
     }
 
@@ -623,8 +670,14 @@ mod tests {
     #[test]
     fn each_number_is_the_messages_own() {
         let robot = Robot::builtin("puma560").expect("built in");
-        let limits = Limits::new(&robot);
+        let mut limits = Limits::new(&robot);
+        limits.forces = vec![Some(Pressed {
+            newtons: 10.0,
+            axis: -Vector3::z(),
+            is_of_tool: true,
+        })];
         let mut state = PlantState {
+            contact_force_n: [3.0, 0.0, 9.0],
             R_BE: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
             ..PlantState::default()
         };
@@ -654,6 +707,7 @@ mod tests {
             (Signal::PositionError, &[4.0, 3.0][..]),
             (Signal::OrientationError, &[0.0, 0.02f64.to_degrees()]),
             (Signal::Nearness, &[0.0, NEAREST]),
+            (Signal::Pressed, &[10.0, 9.0]),
             (Signal::DrawnPosition, &[1.0; 6]),
             (Signal::DrawnSpeed, &[1.0; 6]),
         ] {

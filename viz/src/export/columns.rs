@@ -26,7 +26,8 @@ impl Columns {
         let scenario = &facts.job.scenario;
         let is_missing = |name: &str| {
             name.starts_with("servo:") && scenario.servo.is_none()
-                || name.starts_with("force:") && !scenario.has_wrist_sensor()
+                || name == "force:measured" && !scenario.has_wrist_sensor()
+                || name == "force:along_axis" && !scenario.presses()
         };
         let units: Vec<_> = facts.joint_units.split(' ').collect();
         let mut fields = vec![

@@ -93,6 +93,9 @@ impl Recording<'_> {
                 self.write_parts(None, &entity::link(RIVAL, i), &parts, red);
             }
         }
+        let surfaces = self.run.job.scenario.plant.surface.iter();
+        let surfaces: Vec<_> = surfaces.map(|one| Part::surface(one, body.reach)).collect();
+        self.write_parts(None, "/world/surface", &placed(surfaces.iter()), None);
         let size = 0.11 * body.reach;
         let hand = arrows(axes(size), 0xe8ecf4ff, 0.03 * size);
         self.sink.log_static(entity::HAND, &hand);
@@ -239,6 +242,7 @@ impl Recording<'_> {
         self.draw_ghosts(picture);
         self.draw_marks(row, picture);
         self.draw_target(row, picture);
+        self.draw_force(row, picture);
         self.draw_abilities(row, picture);
         self.draw_rival(tick);
     }

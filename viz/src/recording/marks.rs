@@ -14,7 +14,7 @@ use crate::narration::lost;
 use crate::picture::Picture;
 use crate::pose::{Placement, Rgba, vec3};
 use crate::scene::{Presence, turned_words};
-use crate::signals::{TickRow, halves};
+use crate::signals::{Now, TickRow, halves};
 use crate::strokes::{Frame, Stroke, strokes};
 
 /// Time by which the arrows and the ghost of a steered arm are ahead, s: the horizon of the law's prediction.
@@ -23,6 +23,8 @@ const AHEAD_S: f32 = 0.5;
 const QUIET: Rgba = 0x8898b0ff;
 const ASKED: Rgba = 0xe8dc60ff;
 const GHOST: Rgba = 0x86d4aac8;
+/// Of the force on a surface.
+const FORCE: Rgba = 0x3cc8e6ff;
 /// Twist that is drawn; m/s, rad/s.
 const LEAST: f32 = 1e-3;
 /// Lines of a curve.
@@ -136,6 +138,24 @@ impl Recording<'_> {
         }
         let key = Some(words.clone()).filter(|words| !words.is_empty());
         self.show(tick, path, key, |_| label(&words, colour));
+    }
+
+    /// Of a run that controls a force: the force of the hand on the surface, as long as two marks at its set-point.
+    pub(super) fn draw_force(&mut self, row: &TickRow, picture: &Picture) {
+        let limits = &self.run.limits;
+        if limits.forces.is_empty() {
+            return;
+        }
+        let unit = self.run.mark_size();
+        let now = Now::new(row, limits, None);
+        let force = row.plant_state.zip(now.pressed()).map(|(m, [newtons, _])| {
+            let F = -Vec3::from(m.contact_force_n.map(|f| f as f32));
+            F * (2.0 * unit / newtons as f32)
+        });
+        let arrow = force.filter(|F| F.length() > 0.05 * unit);
+        let arrow = arrow.map(|F| [picture.hand.p, F]);
+        self.sink
+            .log(row.tick, "/world/force", &arrows(arrow, FORCE, 0.06 * unit));
     }
 
     /// Of a steered run, the twist that its target asks for: an arrow as long as its way in half a second and an arc as wide as its turn; the line to the
