@@ -52,6 +52,7 @@ CELL, COLUMNS = (452, 442), 5
 # Animated picture: what is run, from when to when (s), how many seconds pass in one, and its part of the window.
 ANIMATIONS = {
     "race.gif": (RACE, (0.0, 4.4), 1.0, (0, 54, 676, 830)),
+    "force.gif": ("run wipe-through-wrist-lock", (0.0, 4.2), 1.0, (0, 54, 676, 520)),
     "servo.gif": ("servo servo-line-panda", (0.0, 23.0), 4.0, (0, 54, 676, 520)),
 }
 # Frames per second, the window, width of a frame.
