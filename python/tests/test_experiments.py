@@ -205,4 +205,4 @@ def test_the_tutorials_experiment_is_twenty_lines_and_works():
     # A hundredth of its runs.
     few = text.replace("range(1, 11)", "[1]").replace("[25, 50, 100, 200, 400, 600, 800, 1200, 1600, 2400]", "[100, 400]").replace("60, 80, 100, 120]", "60]")
     said = subprocess.run([sys.executable, "-c", few], capture_output=True, text=True, check=True, env={**os.environ, "MPLBACKEND": "Agg"})
-    assert "best: (" in said.stdout and pathlib.Path("gains.svg").exists() and pathlib.Path("gains.parquet").exists()
+    assert "best k_v, k_p: " in said.stdout and pathlib.Path("gains.svg").exists() and pathlib.Path("gains.parquet").exists()
