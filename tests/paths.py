@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
 """Circles, spirals, eights and random splines through the singular postures of arms, beside an independent search.
 
-    pip install pin scipy
+    pip install mujoco 'armplane[autopsy,experiments]'
     python3 tests/paths.py [--arms puma560,ur5,panda] [--each 6] [--seed 1] [--program target/release/armplane] [--keep FOLDER]
 
-Each path leads through a posture in which the Jacobian loses rank, found by minimising its smallest singular value. The independent search follows the
-path by damped least squares on pinocchio's model, from the same start; where it succeeds within 1 mm and 0.5° and the joint limits, the path is feasible.
+Each path leads through a posture in which the Jacobian loses rank, found along the slope of its smallest singular value. The independent search follows
+the path by damped least squares on MuJoCo's kinematics, from the same start; where it succeeds within 1 mm and 0.5° and the joint limits, the path is feasible.
 Prints, for each arm and kind, how many paths there are, were found feasible, reached the goal, met S1, were refused, and missed in silence (exit code 0
 with an error above 1 mm). Exit code 1: a silent miss, or S1 on less than 95 % of the paths found feasible.
 """
@@ -13,73 +13,54 @@ with an error above 1 mm). Exit code 1: a silent miss, or S1 on less than 95 % o
 import argparse
 import json
 import pathlib
-import re
 import subprocess
 import sys
 import tempfile
 import tomllib
 
 import numpy as np
-import pinocchio as pin
+import pandas
 from scipy.interpolate import CubicSpline
-from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
-ROBOTS = ROOT / "services" / "model" / "robots"
+sys.path.append(str(ROOT / "python" / "tests"))
+import incidents
+
 KINDS = ("circle", "spiral", "eight", "spline")
 SPEEDS = (8.0, 4.0, 2.0)
 SAMPLES = 800
 
 
-class Arm:
+class Arm(incidents.Arm):
+    """A built-in arm in MuJoCo."""
+
     def __init__(self, name):
-        about = tomllib.loads((ROBOTS / f"{name}.toml").read_text())
-        self.name, self.length = name, about["length_m"]
-        self.model = pin.buildModelFromUrdf(str(ROBOTS / f"{name}.urdf"))
-        self.data = self.model.createData()
-        self.frame = self.model.getFrameId(about["default_frame"])
-        # Continuous joints have two coordinates in pinocchio.
-        if self.model.nq != self.model.nv:
-            text = re.sub(r'type="continuous"(.*?)<limit', r'type="revolute"\1<limit lower="-6.28" upper="6.28"', (ROBOTS / f"{name}.urdf").read_text(), flags=re.S)
-            self.model = pin.buildModelFromXML(text)
-            self.data = self.model.createData()
-        self.lower, self.upper = self.model.lowerPositionLimit, self.model.upperPositionLimit
-
-    def pose(self, q):
-        pin.framesForwardKinematics(self.model, self.data, q)
-        return self.data.oMf[self.frame].copy()
-
-    def jacobian(self, q):
-        J = pin.computeFrameJacobian(self.model, self.data, q, self.frame, pin.LOCAL_WORLD_ALIGNED)
-        return np.vstack([J[:3] / self.length, J[3:]])
+        about = tomllib.loads((incidents.ROBOTS / f"{name}.toml").read_text())
+        super().__init__(incidents.ROBOTS / f"{name}.urdf", about["default_frame"])
+        self.scale = np.r_[np.full(3, about["length_m"]), np.ones(3)]
+        self.lower, self.upper = self.lower.clip(-6.28), self.upper.clip(max=6.28)
 
     def lock(self, random):
         """A posture within limits whose smallest singular value vanishes."""
-        room = 0.15 * (self.upper - self.lower)
-        bounds = list(zip(self.lower + 0.05, self.upper - 0.05))
-        sigma = lambda q: np.linalg.svd(self.jacobian(q))[1][5]
         while True:
-            q = random.uniform(self.lower + room, self.upper - room)
-            done = minimize(sigma, q, method="L-BFGS-B", bounds=bounds)
-            done = minimize(sigma, done.x, method="Nelder-Mead", bounds=bounds, options={"maxiter": 4000, "xatol": 1e-9, "fatol": 1e-12})
-            second = np.linalg.svd(self.jacobian(done.x))[1][4]
-            if sigma(done.x) < 1e-6 and second > 0.15:
-                return done.x
+            q = self.singular_near(incidents.draw(self, random, 6.28, 0.15), floor=1e-5)
+            if q is not None and self.is_inside(q, 0.05) and self.lost(q)[1][4] > 0.15:
+                return q
 
     def follow(self, q, poses):
         """Postures along poses by damped least squares, or None where they leave them or the limits."""
         for damping in (1e-3, 1e-2, 3e-2):
             at, found = q.copy(), [q]
-            for X in poses:
+            for p_d, R_d in poses:
                 for _ in range(60):
-                    Y = self.pose(at)
-                    e = np.concatenate([(X.translation - Y.translation) / self.length, pin.log3(X.rotation @ Y.rotation.T)])
-                    if np.abs(e).max() < 1e-6:
+                    p, R = self.pose(at)
+                    e = np.r_[p_d - p, Rotation.from_matrix(R_d @ R.T).as_rotvec()]
+                    if np.abs(e / self.scale).max() < 1e-6:
                         break
-                    J = self.jacobian(at)
-                    at = at + J.T @ np.linalg.solve(J @ J.T + damping**2 * np.eye(6), e)
-                far = np.linalg.norm(e[:3]) * self.length > 9e-4 or np.linalg.norm(e[3:]) > 7e-3
-                if far or (at < self.lower + 2e-3).any() or (at > self.upper - 2e-3).any() or np.abs(at - found[-1]).max() > 0.25:
+                    at = at + self.damped(at, e, damping)
+                far = np.linalg.norm(e[:3]) > 9e-4 or np.linalg.norm(e[3:]) > 7e-3
+                if far or not self.is_inside(at, 2e-3) or np.abs(at - found[-1]).max() > 0.25:
                     break
                 found.append(at.copy())
             else:
@@ -87,67 +68,54 @@ class Arm:
         return None
 
 
-def unit(random):
-    v = random.normal(size=3)
+def unit(v):
     return v / np.linalg.norm(v)
 
 
 def way(kind, arm, q, random):
     """Poses over s from 0 to 1 with the singular posture's within, and the segment's keys, given the time; None where no start is found."""
-    X = arm.pose(q)
-    normal = unit(random)
-    along = np.cross(normal, unit(random))
-    along /= np.linalg.norm(along)
-    inward = np.cross(normal, along)
-    size = random.uniform(0.03, 0.08)
+    p, R = arm.pose(q)
+    normal = unit(random.normal(size=3))
+    along = unit(np.cross(normal, random.normal(size=3)))
+    inward, size = np.cross(normal, along), random.uniform(0.03, 0.08)
+    turns, grow = {"circle": (1.0, 0.0), "spiral": (1.5, 0.5 * size)}.get(kind, (0.0, 0.0))
+    centre = p + inward * (size + 0.5 * grow)
     if kind == "spline":
         nodes = [q + random.uniform(-0.35, 0.35, len(q)) for _ in range(4)]
         nodes.insert(2, q)
         poses = [arm.pose(np.clip(node, arm.lower + 0.02, arm.upper - 0.02)) for node in nodes]
-        turns = [pin.log3(Y.rotation @ X.rotation.T) for Y in poses]
-        times = np.linspace(0, 1, len(nodes))
-        p, w = CubicSpline(times, [Y.translation for Y in poses]), CubicSpline(times, turns)
-        at = lambda s: pin.SE3(pin.exp3(w(s)) @ X.rotation, p(s))
+        knots = [np.r_[p_n, Rotation.from_matrix(R_n @ R.T).as_rotvec()] for p_n, R_n in poses]
+        curve = CubicSpline(np.linspace(0, 1, len(nodes)), knots)
+        at = lambda s: (curve(s)[:3], Rotation.from_rotvec(curve(s)[3:]).as_matrix() @ R)
     elif kind == "eight":
         # Crosses itself in the singular posture.
-        def at(s):
-            angle = 2 * np.pi * s
-            return pin.SE3(X.rotation, X.translation + size * (along * np.sin(angle) + 0.5 * inward * np.sin(2 * angle)))
+        at = lambda s: (p + size * (along * np.sin(2 * np.pi * s) + 0.5 * inward * np.sin(4 * np.pi * s)), R)
     else:
-        grow = 0.0 if kind == "circle" else 0.5 * size
-        # The middle of the way is in the singular posture.
-        turns = 1.0 if kind == "circle" else 1.5
-        radius = lambda s: size + grow * s
-        angle0 = -np.pi * turns
-        centre = X.translation + inward * radius(0.5)
 
         def at(s):
-            angle = angle0 + 2 * np.pi * turns * s
-            return pin.SE3(X.rotation, centre + radius(s) * (along * np.sin(angle) - inward * np.cos(angle)))
+            # The middle of the way is in the singular posture.
+            angle = 2 * np.pi * turns * (s - 0.5)
+            return centre + (size + grow * s) * (along * np.sin(angle) - inward * np.cos(angle)), R
 
     back = arm.follow(q, [at(s) for s in np.linspace(0.5, 0, SAMPLES // 2)] if kind != "eight" else [at(0)])
     if back is None:
         return None
-    start = back[-1]
-    poses = [at(s) for s in np.linspace(0, 1, SAMPLES)]
-    if kind in ("eight", "spline"):
-        law = lambda x: x**3 * (10 - 15 * x + 6 * x * x)
 
-        def keys(time):
-            rows = ["t,x,y,z,qx,qy,qz,qw"]
-            for x in np.linspace(0, 1, int(100 * time) + 1):
-                Y = at(law(x))
-                rows.append(",".join(f"{v:.7f}" for v in [x * time, *Y.translation, *pin.Quaternion(Y.rotation).coeffs()]))
-            text = "\n".join(rows)
-            return f'table = {{ rows = """\n{text}""" }}'
-    else:
-        centre = list(map(float, centre))
-        arc = f'centre_m = {centre}, about = "{normal[0]} {normal[1]} {normal[2]}", by_deg = {360 * turns}, grow_m = {grow}'
-        keys = lambda time: f"arc = {{ {arc} }}\nduration_s = {time}\nramp_s = {0.2 * time}"
-    return start, poses, keys
+    def keys(time):
+        if turns:
+            arc = f'centre_m = {centre.tolist()}, about = "{normal[0]} {normal[1]} {normal[2]}", by_deg = {360 * turns}, grow_m = {grow}'
+            return f"arc = {{ {arc} }}\nduration_s = {time}\nramp_s = {0.2 * time}"
+        rows = ["t,x,y,z,qx,qy,qz,qw"]
+        for x in np.linspace(0, 1, int(100 * time) + 1):
+            p_x, R_x = at(incidents.quintic(x)[0])
+            rows.append(",".join(f"{v:.7f}" for v in [x * time, *p_x, *Rotation.from_matrix(R_x).as_quat()]))
+        text = "\n".join(rows)
+        return f'table = {{ rows = """\n{text}""" }}'
+
+    return back[-1], [at(s) for s in np.linspace(0, 1, SAMPLES)], keys
 
 
-def trial(program, folder, name, arm, kind, time, start, keys):
+def trial(program, folder, name, arm, time, start, keys):
     q = ", ".join(f"{x:.12f}" for x in start)
     text = f'name = "{name}"\nrobot = "{arm}"\n[start]\nq = [{q}]\n[[segment]]\n{keys(time)}\n[plant]\nfloor_m = "none"\n'
     file = folder / f"{name}.toml"
@@ -180,40 +148,33 @@ def main():
     folder = pathlib.Path(args.keep or tempfile.mkdtemp(prefix="paths-"))
     folder.mkdir(parents=True, exist_ok=True)
     failed = False
-    print(f"{'arm':10} {'kind':8} paths feasible reached S1 refused silent  stretch (median)")
     every = []
     for name in args.arms.split(","):
         arm = Arm(name)
         for kind in args.kinds.split(","):
             random = np.random.default_rng([args.seed, *name.encode(), *kind.encode()])
-            rows = []
-            while len(rows) < args.each * len(SPEEDS):
-                # A way through a stretched arm is often out of reach: some are tried for each posture.
-                q = arm.lock(random)
-                made = [found for _ in range(8) if (found := way(kind, arm, q, random))]
-                if not made:
-                    continue
+            for k in range(args.each):
+                made = []
+                while not made:
+                    # A way through a stretched arm is often out of reach: some are tried for each posture.
+                    q = arm.lock(random)
+                    made = [found for _ in range(8) if (found := way(kind, arm, q, random))]
                 judged = ((one, arm.follow(one[0], one[1]) is not None) for one in made)
                 (start, _, keys), feasible = next((one for one in judged if one[1]), (made[-1], False))
-                k = len(rows) // len(SPEEDS)
                 for time in SPEEDS:
-                    row = trial(args.program, folder, f"{name}-{kind}-{k}-{time:g}s", name, kind, time, start, keys)
-                    rows.append({**row, "arm": name, "kind": kind, "k": k, "time": time, "feasible": feasible})
-            every += rows
-            count = lambda of: sum(map(of, rows))
-            stretch = sorted(row["stretch"] for row in rows if row["outcome"] == "reached")
-            numbers = [len(rows), count(lambda r: r["feasible"]), count(lambda r: r["outcome"] == "reached"), count(lambda r: r["s1"])]
-            numbers += [count(lambda r: r["outcome"] == "refused"), count(lambda r: r["silent"])]
-            print(f"{name:10} {kind:8} " + " ".join(f"{n:6}" for n in numbers), f"{stretch[len(stretch) // 2]:8.2f}" if stretch else "", flush=True)
-    (folder / "rows.json").write_text(json.dumps(every, indent=1))
-    for row in every:
-        if row["silent"] or row["feasible"] and not row["s1"]:
-            print(f"  {row['arm']}-{row['kind']}-{row['k']}-{row['time']:g}s: {row['outcome']}: {row['why']}")
-    feasible = [row for row in every if row["feasible"]]
-    share = sum(row["s1"] for row in feasible) / max(len(feasible), 1)
-    silent = sum(row["silent"] for row in every)
-    print(f"S1 on {share:.1%} of {len(feasible)} paths found feasible; {silent} silent; files in {folder}")
-    sys.exit(silent > 0 or share < 0.95)
+                    path = f"{name}-{kind}-{k}-{time:g}s"
+                    every.append({"arm": name, "kind": kind, "path": path, "feasible": feasible, **trial(args.program, folder, path, name, time, start, keys)})
+                    print(".", end="", flush=True)
+    table = pandas.DataFrame(every)
+    table.to_json(folder / "rows.json", orient="records", indent=1)
+    reached, refused = (table.outcome == outcome for outcome in ("reached", "refused"))
+    counted = table.assign(paths=1, reached=reached, refused=refused).groupby(["arm", "kind"])[["paths", "feasible", "reached", "s1", "refused", "silent"]].sum()
+    print(f"\n{counted.assign(median_stretch=table[reached].groupby(['arm', 'kind']).stretch.median())}")
+    for row in table[table.silent | table.feasible & ~table.s1].itertuples():
+        print(f"  {row.path}: {row.outcome}: {row.why}")
+    share, silent = table.s1[table.feasible].mean(), table.silent.sum()
+    print(f"S1 on {share:.1%} of {table.feasible.sum()} paths found feasible; {silent} silent; files in {folder}")
+    sys.exit(bool(silent or not share >= 0.95))
 
 
 if __name__ == "__main__":

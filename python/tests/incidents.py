@@ -95,12 +95,12 @@ class Arm:
     def is_inside(self, q, room):
         return np.all(q > self.lower + room) and np.all(q < self.upper - room)
 
-    def singular_near(self, q, steps=40):
+    def singular_near(self, q, steps=40, floor=2e-4):
         """The posture of lower rank nearest to `q`, by the gradient of the last singular value; `None` where there is none within the limits."""
         q = np.array(q)
         for _ in range(steps):
             value = self.lost(q)[1][5]
-            if value < 2e-4:
+            if value < floor:
                 return q
             slope = np.array([self.lost(q + 1e-5 * one)[1][5] - value for one in np.eye(self.n)]) / 1e-5
             q = q - np.clip(value * slope / max(slope @ slope, 1e-9), -0.2, 0.2)
