@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from .. import _armplane
 from ..trials import trace
-from .style import BLUE, GREY, INK, NUMBERED, RED, SINGULARITIES, curves, digits, legend, page, postures, undistorted
+from .style import BLUE, GREY, INK, RED, SINGULARITIES, curves, digits, legend, page, postures, undistorted
 
 SCENARIOS = ("fig1-pseudo-inverse", "fig2-dynamically-consistent", "elbow-in-and-out", "overhead-pass", "fig4-elbow-and-wrist", "fig5-wrist-rotation")
 HAND_M = 0.15  # of the stick that shows the hand's axis
@@ -73,10 +73,18 @@ class Recorded:
         points = [np.zeros(3), *at.links[:, :3, 3], self.p[i]]
         return np.array([*points, self.p[i] + HAND_M * self.R[i][:, 2]] if np.ptp(self.p[:, 2]) > 1e-9 or abs(self.R[i][2, 2]) < 0.999 else points)
 
-    def moments(self, start, end=np.inf):
+    def moments(self, start, end):
         """Even steps of time."""
         within = np.flatnonzero((self.t >= start) & (self.t <= end))
         return within[np.linspace(0, len(within) - 1, POSTURES).astype(int)]
+
+    def seen(self, start, end, across, up=(0.0, 0.0, 1.0)):
+        """The arm at even steps of time, in the plane of two directions."""
+        return [self.chain(i) @ np.stack([across, up], axis=1) for i in self.moments(start, end)]
+
+    def joints(self, values, which):
+        """Joints' angles or rates in degrees, as `curves` takes them."""
+        return [(f"$q_{i}$", np.degrees(values[:, i - 1])) for i in which]
 
     def outwards(self, direction):
         """A horizontal direction, to the side on which the hand is at the start."""
@@ -96,36 +104,32 @@ class Recorded:
 
 def null_space(path, pseudo_inverse, consistent):
     """Figures 1 and 2: a planar arm whose null space swings without dissipation while its tip should stand still, under both projections."""
-    pair = [("Figure 1: pseudo-inverse", pseudo_inverse, RED), ("Figure 2: dynamically consistent", consistent, BLUE)]
-    forces = [run.coupling_n() for _, run, _ in pair]
-    numbers = {}
-    for key, (_, run, _), force in zip(("fig1", "fig2"), pair, forces):
-        swing = lambda start: float(np.degrees(np.ptp(run.q[(run.t >= start) & (run.t < start + 1), 1])))
-        numbers[key] = {"tip_error_max_mm": float(run.error_mm.max()), "coupling_max_n": float(force.max()), "joint_2_swings_deg": [swing(0), swing(1)]}
-    one, two = numbers["fig1"], numbers["fig2"]
+    pair = {"Figure 1: pseudo-inverse": (pseudo_inverse, RED), "Figure 2: dynamically consistent": (consistent, BLUE)}
+    forces, numbers = [run.coupling_n() for run, _ in pair.values()], {}
+    for key, (run, _), force in zip(("fig1", "fig2"), pair.values(), forces):
+        swings = [np.degrees(np.ptp(run.q[(run.t >= start) & (run.t < start + 1), 1])).item() for start in (0, 1)]
+        numbers[key] = {"tip_error_max_mm": float(run.error_mm.max()), "coupling_max_n": float(force.max()), "joint_2_swings_deg": swings}
+    error, push = ([digits(one[name]) for one in numbers.values()] for name in ("tip_error_max_mm", "coupling_max_n"))
     notes = [
-        f"Largest error of the tip: {digits(one['tip_error_max_mm'])} mm with the pseudo-inverse, {digits(two['tip_error_max_mm'])} mm dynamically consistent.",
-        f"The torques meant for the null space push the tip with up to {digits(one['coupling_max_n'])} N (pseudo-inverse), "
-        f"{digits(two['coupling_max_n'])} N (dynamically consistent).",
+        f"Largest error of the tip: {error[0]} mm with the pseudo-inverse, {error[1]} mm dynamically consistent.",
+        f"The torques meant for the null space push the tip with up to {push[0]} N (pseudo-inverse), {push[1]} N (dynamically consistent).",
     ]
     subtitle = "planar arm of three joints: the null space swings in an attractive potential while the tip should stand still; above, half a swing (later is darker)"
     title = "Figures 1 and 2: null-space motion, and its effect on the tip"
     with page(path, title, subtitle, notes, [(3.6, 2), (2.2, 2), (2.0, 2)]) as (arms, below, angles):
-        for (name, run, colour), arm, joints in zip(pair, arms, angles):
+        for (name, (run, colour)), arm, joints in zip(pair.items(), arms, angles):
             undistorted(arm, name)
-            postures(arm, [run.chain(i)[:, :2] for i in run.moments(0, SWING_S)])
+            postures(arm, run.seen(0, SWING_S, *np.eye(3)[:2]))
             tip = run.p[0] + MAGNIFIED * (run.p - run.p[0])
             kept = np.abs(tip - run.p[0]).max(axis=1) < 1.5
             arm.plot(*tip[kept, :2].T, color=colour, lw=1, label=f"path of the tip, drawn {MAGNIFIED} × as large")
             arm.set_xlabel("m")
             legend(arm)
-            curves(joints, f"{name}: joint angles, °", run.t, *((f"$q_{i + 1}$", np.degrees(run.q[:, i])) for i in range(3)))
-        for axes, heading, least, series in zip(
-            below, ("error of the tip, mm", "force of the null space on the tip, N"), (1e-4, 1e-16), ([run.error_mm for _, run, _ in pair], forces)
-        ):
-            named = [(name.split(": ")[1], values, colour) for (name, _, colour), values in zip(pair, series)]
-            curves(axes, heading, pseudo_inverse.t, *((name, np.maximum(values, least), colour) for name, values, colour in named)).set_yscale("log")
-            axes.set_ylim(least, 1e3)
+            curves(joints, f"{name}: joint angles, °", run.t, *run.joints(run.q, (1, 2, 3)))
+        errors = [run.error_mm for run, _ in pair.values()]
+        for axes, heading, least, series in zip(below, ("error of the tip, mm", "force of the null space on the tip, N"), (1e-4, 1e-16), (errors, forces)):
+            named = [(name.split(": ")[1], np.maximum(values, least), colour) for (name, (_, colour)), values in zip(pair.items(), series)]
+            curves(axes, heading, pseudo_inverse.t, *named).set(yscale="log", ylim=(least, 1e3))
     return numbers
 
 
@@ -200,7 +204,7 @@ def two_locks(path, run):
     subtitle = "PUMA 560, stretched: the hand moves along the direction that the elbow has lost, all else held"
     with page(path, "Figure 4: elbow and wrist locked at once", subtitle, notes, [(2.7, 3), (2.3, 3)]) as ((arm, way, error), (turn, s, angles)):
         undistorted(arm, "from the side, m (later is darker)")
-        postures(arm, [np.stack([run.chain(i) @ horizontal, run.chain(i)[:, 2]], axis=1) for i in run.moments(0, 2)])
+        postures(arm, run.seen(0, 2, horizontal))
         wanted = 1e3 * (run.p_d - run.p[0]) @ zeta
         curves(way, "way of the hand along ζ, mm", run.t, ("true", moved, BLUE), ("wanted", wanted, INK), dashed=["wanted"])
         curves(error, "position error, mm", run.t, ("along ζ", errors["along ζ"], RED), ("orthogonal to ζ", errors["orthogonal to ζ"], BLUE))
@@ -209,8 +213,7 @@ def two_locks(path, run):
         until = run.t[-1] if inside.all() else run.t[np.argmin(inside)]
         s.axvspan(0, until, color=BLUE, alpha=0.09, lw=0, label="in both neighbourhoods")
         curves(s, "singularity measures", run.t, *((name, run.s(name), SINGULARITIES[name]) for name in ("elbow", "wrist")))
-        joints = [(f"$q_{i + 1}$", np.degrees(run.q[:, i] - run.q[0, i]), NUMBERED[i]) for i in (0, 1, 2, 3, 5, 4)]
-        curves(angles, "joint angles from the start, °", run.t, *joints, dashed=["$q_5$"])
+        curves(angles, "joint angles from the start, °", run.t, *run.joints(run.q - run.q[0], range(1, 7)), dashed=["$q_5$"])
     return numbers
 
 
@@ -243,13 +246,12 @@ def wrist_lock(path, run):
             null.plot([], [], color=colour, label=name)
         legend(null)
         undistorted(arm, "the hand turns, along the old ζ, m")
-        postures(arm, [np.stack([run.chain(i) @ horizontal, run.chain(i) @ up], axis=1) for i in run.moments(change)])
+        postures(arm, run.seen(change, np.inf, horizontal, up))
         turn.axvspan(0, change, color=BLUE, alpha=0.09, lw=0, label="turning ζ")
         curves(turn, "turns, °", run.t, ("ζ", turned, SINGULARITIES["wrist"]), ("hand about ζ as it was", rotated, BLUE))
-        wrist = range(3, 6)
-        curves(angles, "wrist joints from the start, °", run.t, *((f"$q_{i + 1}$", np.degrees(run.q[:, i] - run.q[0, i])) for i in wrist))
-        curves(rates, "wrist joint rates, °/s", run.t, *((f"$q_{i + 1}$", np.degrees(run.qdot[:, i])) for i in wrist))
-        curves(errors[0], "position error, mm", run.t, ("", run.error_mm, RED))
-        curves(errors[1], "orientation error, °", run.t, ("", run.error_deg, RED))
+        curves(angles, "wrist joints from the start, °", run.t, *run.joints(run.q - run.q[0], (4, 5, 6)))
+        curves(rates, "wrist joint rates, °/s", run.t, *run.joints(run.qdot, (4, 5, 6)))
+        for axes, heading, values in zip(errors, ("position error, mm", "orientation error, °"), (run.error_mm, run.error_deg)):
+            curves(axes, heading, run.t, ("", values, RED))
     return numbers
 

@@ -76,17 +76,13 @@ def heat(axes, table, x, y, by, aggregate="median"):
 
 
 def _classes(values):
-    distinct = values.dropna().unique()
-    if len(distinct) <= CLASSES or not pd.api.types.is_numeric_dtype(values):
-        return values.map(lambda value: f"{value:g}" if isinstance(value, (int, float)) else str(value)).astype(pd.CategoricalDtype(_labels(distinct), ordered=True))
+    distinct, is_number = values.dropna().unique(), pd.api.types.is_numeric_dtype(values)
+    if len(distinct) <= CLASSES or not is_number:
+        label = "{:g}".format if is_number else str
+        return pd.Categorical(values.map(label), [label(value) for value in (sorted(distinct) if is_number else distinct)], ordered=True)
     is_log = values.min() > 0 and values.max() > 20 * values.min()
     edges = (np.geomspace if is_log else np.linspace)(values.min(), values.max(), CLASSES + 1)
     return pd.cut(values, edges, labels=[f"{(np.sqrt(a * b) if is_log else (a + b) / 2):.3g}" for a, b in zip(edges, edges[1:])], include_lowest=True, ordered=False)
-
-
-def _labels(distinct):
-    numbers = all(isinstance(value, (int, float, np.number)) for value in distinct)
-    return [f"{value:g}" for value in sorted(distinct)] if numbers else [str(value) for value in distinct]
 
 
 def _draw(path, table, plan, result, keys, by, shown):

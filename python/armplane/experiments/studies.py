@@ -116,5 +116,5 @@ def race(scenario, laws, path, settings=None):
         for axes, (law, run), colour in zip(below, runs.items(), NUMBERED):
             side = run.outwards(np.array([1.0, 0, 0]))
             undistorted(axes, f"{law}: the arm, m (later is darker)")
-            postures(axes, [np.stack([run.chain(i) @ side, run.chain(i)[:, 2]], axis=1) for i in run.moments(0)], colour)
+            postures(axes, run.seen(0, np.inf, side), colour)
     return table
