@@ -14,6 +14,7 @@ import pathlib
 import subprocess
 import sys
 import tempfile
+import tomllib
 
 import armplane
 import numpy as np
@@ -25,36 +26,10 @@ from viewer import Viewer
 HERE = pathlib.Path(__file__).resolve().parent
 DOCS = HERE.parent
 BROWSER = os.environ.get("BROWSER", "chromium")
-# Parts of the window (left, top, right, bottom): all but its title bar, which names the machine's driver; and the arm, the close-up and the words.
-BODY, LEFT = (0, 28, 1280, 720), (0, 28, 676, 690)
-RACE = "compare fig5-wrist-rotation --race"
-# Picture: its part of the window; and of each shot on it, four in a row, what is run and when it is seen, s.
-STILLS = {
-    "control": (BODY, {"run fig5-wrist-rotation": 1.0}),
-    "free": (BODY, {"run fig5-wrist-rotation": 3.4}),
-    "light": (BODY, {"run fig5-wrist-rotation": 1.0}),
-    "overhead": (BODY, {"run overhead-pass": 1.6}),
-    "straight-up": (BODY, {"run straight-up": 0.15}),
-    "race": (BODY, {RACE: 2.6}),
-    "arms": (BODY, {"run ur5-wrist": 1.0}),
-    "timing": (BODY, {f"run {HERE / 'faults.toml'}": 2.66}),
-    "still": (LEFT, {"run fig1-pseudo-inverse": 1.9, "run fig2-dynamically-consistent": 1.9}),
-    # Every scenario that ends by itself, at a moment of the stretch that the viewer plays again and again.
-    "every": (LEFT, {
-        "run fig4-elbow-and-wrist": 0.3, "run fig5-wrist-rotation": 1.0, "run elbow-in-and-out": 3.9, "run overhead-pass": 1.6, "run straight-up": 0.15,
-        "run wrist-near-miss": 1.0, "run ur5-wrist": 1.0, "run ur5-elbow": 3.9, "run iiwa-elbow": 3.9, "run iiwa-posture": 0.3,
-        "run seven-joints": 2.0, "run fr3-elbow": 4.3, "run fr3-shoulder": 0.4, "run fr3-wrist": 1.0, "run fig1-pseudo-inverse": 1.9,
-        "servo servo-line-panda": 8.0, "servo servo-line-xarm7": 8.0, "servo servo-line-gen3": 8.0, "servo servo-over-base-panda": 8.0, "servo servo-hostile": 3.0,
-    }),
-}  # fmt: skip
+# What is taken of the viewer.
+TAKEN = tomllib.loads((HERE / "pictures.toml").read_text())
 # On a sheet of many: size of a shot, and how many are in a row.
 CELL, COLUMNS = (452, 442), 5
-# Animated picture: what is run, from when to when (s), how many seconds pass in one, and its part of the window.
-ANIMATIONS = {
-    "race.gif": (RACE, (0.0, 4.4), 1.0, (0, 54, 676, 830)),
-    "force.gif": ("run wipe-through-wrist-lock", (0.0, 4.2), 1.0, (0, 54, 676, 520)),
-    "servo.gif": ("servo servo-line-panda", (0.0, 23.0), 4.0, (0, 54, 676, 520)),
-}
 # Frames per second, the window, width of a frame.
 RATE, WINDOW, WIDTH = 10, "1280x860", 676
 # Kinds of paths, as `armplane new --path` knows them.
@@ -63,7 +38,7 @@ KINDS = ["line", "circle", "waypoints", "spline", "table"]
 
 def recording(program, words, folder):
     """The recording of a run."""
-    done = subprocess.run([program, *words.split(), "--out", str(folder)], capture_output=True, text=True, check=False)
+    done = subprocess.run([program, *words.split(), "--out", str(folder)], cwd=HERE, capture_output=True, text=True, check=False)
     if not (file := folder / "run.rrd").exists():
         sys.exit(f"armplane {words} left no recording: {done.stderr.strip()}")
     return [file]
@@ -88,26 +63,24 @@ def sheet(parts, columns):
 
 
 def still(program, name, scratch):
-    part, shots = STILLS[name]
-    parts = []
-    for k, (words, seconds) in enumerate(shots.items()):
+    asked, parts = TAKEN["stills"][name], []
+    for k, (words, seconds) in enumerate(asked["shots"].items()):
         with Viewer(recording(program, words, scratch / f"{name}-{k}")) as viewer:
             if name == "light":
                 viewer.light()
             viewer.at(seconds)
-            parts.append(cropped(viewer.picture(), part))
+            parts.append(cropped(viewer.picture(), TAKEN["parts"][asked["part"]]))
     if len(parts) > COLUMNS:
         parts = [part.resize(CELL, Image.Resampling.LANCZOS) for part in parts]
     packed(sheet(parts, min(len(parts), COLUMNS))).save(DOCS / f"{name}.png", optimize=True)
 
 
 def animation(program, name, scratch):
-    words, (begin, end), speed, part = ANIMATIONS[name]
-    frames = []
-    with Viewer(recording(program, words, scratch / name), WINDOW) as viewer:
-        for k in range(int((end - begin) / speed * RATE)):
-            viewer.at(begin + k * speed / RATE)
-            frame = cropped(viewer.picture(), part)
+    asked, frames = TAKEN["animations"][name], []
+    with Viewer(recording(program, asked["run"], scratch / name), WINDOW) as viewer:
+        for seconds in np.arange(asked["from_s"], asked["to_s"], asked["speed"] / RATE):
+            viewer.at(seconds)
+            frame = cropped(viewer.picture(), asked["part"])
             frames.append(frame.resize((WIDTH, WIDTH * frame.height // frame.width), Image.Resampling.LANCZOS))
     # One palette for all, made of several: the background stays as it is from frame to frame and packs well.
     palette = packed(sheet(frames[:: max(1, len(frames) // 6)], 1), colours=200)
@@ -154,12 +127,12 @@ def paths(program, _, scratch):
     drawing.savefig(DOCS / "paths.png", dpi=100)
 
 
-PICTURES = {**dict.fromkeys(STILLS, still), **dict.fromkeys(ANIMATIONS, animation), "fig3": figure, "report": report, "paths": paths}
+PICTURES = {**dict.fromkeys(TAKEN["stills"], still), **dict.fromkeys(TAKEN["animations"], animation), "fig3": figure, "report": report, "paths": paths}
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--armplane", default=str(DOCS.parent / "target/release/armplane"))
+    parser.add_argument("--armplane", type=os.path.abspath, default=str(DOCS.parent / "target/release/armplane"))
     parser.add_argument("--only", default=",".join(PICTURES), help="names, separated by commas")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:

@@ -22,26 +22,11 @@ ARMS = {"puma560": 3, "ur5": 3, "iiwa14": 3, "panda": 3, "robosuite:ur5e": 3, "r
 TEST, TRAINING, TRAINED = 1, 101, ("puma560", "ur5")
 # `branch` and `reorient` in these scenarios say which posture to take: hints that no other law reads.
 PAPER = ("fig4-elbow-and-wrist", "fig5-wrist-rotation", "elbow-in-and-out", "overhead-pass", "straight-up", "wrist-near-miss", "ur5-wrist", "ur5-elbow", "iiwa-elbow")
-# Starts and ways of others, as segments (goal or way in m, duration in s). J-PARSE: its line over the base axis (0.5 m at 0.05 Hz) and its key points about that
-# axis; MoveIt Servo: 0.1 m along x from the posture of its test of a halt; isaac-sim/IsaacLab#7063: a UR10 from its posture at rest, in wrist lock, to each
-# goal of run_osc.py, without its wall, the hand not turned, and turned by 180° about z, because this base's x axis points backwards.
-_KEY_POINTS = ((0.4, 0, 0.7), (0.15, 0, 0.7), (0, 0, 0.7), (0, 0.15, 0.7), (0, 0, 0.7), (-0.15, 0, 0.7), (0, 0, 0.7), (0, -0.15, 0.7), (0, 0, 0.7))
-_REST = "q = [0.0, -1.712, 1.712, 0.0, 0.0, 0.0]"
-PUBLISHED = {
-    "j-parse-panda": ("panda", 'posture = "ready"', [("to_m", (0.5, 0.0, 0.7), 3.0), ("to_m", (0.05, 0.0, 0.7), 10.0), ("to_m", (0.5, 0.0, 0.7), 10.0)]),
-    "j-parse-key-points-panda": ("panda", 'posture = "ready"', [("to_m", point, 4.0) for point in _KEY_POINTS]),
-    "servo-halt-panda": ("panda", "q = [-0.0001, 0.569, 0.0005, -0.7782, 0.0, 1.3453, 0.7845]", [("by_m", (0.1, 0.0, 0.0), 4.0)]),
-    "isaac-lab-ur10-1": ("ur10", _REST, [("to_m", (-0.6, -0.15, 0.3), 5.0)]),
-    "isaac-lab-ur10-2": ("ur10", _REST, [("to_m", (-0.6, 0.3, 0.3), 5.0)]),
-    "isaac-lab-ur10-3": ("ur10", _REST, [("to_m", (-0.8, 0.0, 0.5), 5.0)]),
-}
-# open-planning/roboplan#239, example_singularity.py: postures of a UR5 between which its OInK moves in 5 s each, in multiples of π/8. Here the hand goes straight
-# from the pose of one to that of the next; there, along the joints' straight line.
-TRAVERSES = {
-    "oink-ur5-wrist": ((0, -4, 4, -4, -4, 0), (0, -4, 4, -4, -2, 2), (0, -4, 4, -4, 0, 4), (0, -4, 4, -4, 2, 2), (0, -4, 4, -4, 4, 0)),
-    "oink-ur5-elbow": ((0, -2, 4, -2, -4, 0), (0, -1, 2, -1, -4, 0), (0, -0.4 / math.pi, 0.8 / math.pi, -0.4 / math.pi, -4, 0), (0, -1, 2, -1, -4, 0), (0, -2, 4, -2, -4, 0)),
-    "oink-ur5-shoulder": ((2, -4, 4, -4, -4, 0), (1, -16 / 3, 8 / 3, 8 / 3, -4, 0), (0, -6, 2, 4, -4, 0), (-1, -16 / 3, 8 / 3, 8 / 3, -4, 0), (-2, -4, 4, -4, -4, 0)),
-}
+# Starts and ways of others, as scenarios. J-PARSE: its line over the base axis (0.5 m at 0.05 Hz) and its key points about that axis; MoveIt Servo: 0.1 m along x
+# from the posture of its test of a halt; isaac-sim/IsaacLab#7063: a UR10 from its posture at rest, in wrist lock, to each goal of run_osc.py, without its wall,
+# the hand not turned, and turned by 180° about z, because this base's x axis points backwards. open-planning/roboplan#239, example_singularity.py: the hand goes
+# straight from the pose of one of its UR5's postures to that of the next; there, along the joints' straight line.
+PUBLISHED = {path.stem: path for path in sorted((pathlib.Path(__file__).parent / "published").glob("*.toml"))}
 # Peak speed at which lines are drawn, m/s.
 DRAWN = 0.28
 # Of each kind of line: peak speed; the numbers within four (of one singularity) that it takes; whether two singularities hold at once; by how much the start is
@@ -58,8 +43,8 @@ KINDS = {
 # Of each size: lines an arm of each kind, the arms, and the scenarios beside them.
 SIZES = {
     "short": ({"usual": 3}, tuple(ARMS)[:4], PAPER[1:2]),
-    "main": ({"usual": 3, "near": 3, "fast": 3, "double": 3}, tuple(ARMS)[:4], (*PAPER, *PUBLISHED, *TRAVERSES)),
-    "full": ({"usual": 5, "slow": 3, "fast": 5, "start": 3, "end": 3, "near": 3, "double": 3}, tuple(ARMS), (*PAPER, *PUBLISHED, *TRAVERSES)),
+    "main": ({"usual": 3, "near": 3, "fast": 3, "double": 3}, tuple(ARMS)[:4], (*PAPER, *PUBLISHED)),
+    "full": ({"usual": 5, "slow": 3, "fast": 5, "start": 3, "end": 3, "near": 3, "double": 3}, tuple(ARMS), (*PAPER, *PUBLISHED)),
 }
 # Lines an arm on which payload, noise and delay are varied: the first of the usual ones.
 VARIED = 3
@@ -89,7 +74,7 @@ def make(folder, size="short", seed=TEST, arms=None, most=math.inf):
     kinds, known, scenarios = SIZES[size]
     tasks = []
     for name in scenarios if seed == TEST else ():
-        tasks.append(Task(name, "paper", name, name) if name in PAPER else _published(folder, name))
+        tasks.append(Task(name, "paper", name, name) if name in PAPER else _task(folder, name, "published", "", PUBLISHED[name].read_text()))
     skipped = {}
     for arm in arms or known:
         file = _file(arm)
@@ -130,22 +115,6 @@ def _file(arm):
         return arm
     found = importlib.util.find_spec(package)
     return str(pathlib.Path(found.origin).parent / "models" / "assets" / "robots" / name / "robot.xml") if found else None
-
-
-def _published(folder, name):
-    if name in TRAVERSES:
-        from armplane import Arm
-
-        robot, arm = "ur5", Arm.builtin("ur5")
-        postures = [[angle * math.pi / 8 for angle in posture] for posture in TRAVERSES[name]]
-        poses = [arm.at(q).pose for q in postures[1:]]
-        rounded = lambda values: [round(float(value), 12) for value in values]
-        ways = [("to_m", rounded(pose[:3, 3]), 5.0, f"rotation = {[rounded(row) for row in pose[:3, :3]]}\n") for pose in poses]
-        start = f"q = {postures[0]}"
-    else:
-        robot, start, ways = PUBLISHED[name]
-    segments = "".join(f"\n[[segment]]\n{goal} = {list(way)}\nduration_s = {time}\n{''.join(turned)}" for goal, way, time, *turned in ways)
-    return _task(folder, name, "published", robot, f'name = "{name}"\nrobot = "{robot}"\n[start]\n{start}\n{segments}')
 
 
 def _lines(folder, arm, file, kinds, seed):

@@ -7,7 +7,7 @@ import pandas as pd
 
 from .. import trials, wire
 from .paper import Recorded
-from .style import BLUE, GREY, NUMBERED, RED, digits, legend, page, postures, undistorted
+from .style import BLUE, GREY, RED, digits, legend, page, postures, undistorted
 
 # The bar of S2 each, or of the goal; whether the axis is logarithmic.
 METRICS = [
@@ -110,11 +110,11 @@ def race(scenario, laws, path, settings=None):
         for axes, (title, of) in zip(above, series.items()):
             axes.set_title(title)
             axes.set_xlabel("time, s")
-            for (law, run), colour in zip(runs.items(), NUMBERED):
-                axes.plot(run.t, of(run), color=colour, label=law)
+            for law, run in runs.items():
+                axes.plot(run.t, of(run), label=law)
             legend(axes)
-        for axes, (law, run), colour in zip(below, runs.items(), NUMBERED):
+        for i, (axes, (law, run)) in enumerate(zip(below, runs.items())):
             side = run.outwards(np.array([1.0, 0, 0]))
             undistorted(axes, f"{law}: the arm, m (later is darker)")
-            postures(axes, run.seen(0, np.inf, side), colour)
+            postures(axes, run.seen(0, np.inf, side), f"C{i}")
     return table

@@ -1,28 +1,22 @@
 """The look of all pictures: one font, colours for the colour-blind, units in the headings; SVG and PDF for papers, PNG for pages."""
 
 import contextlib
+import pathlib
 
 import matplotlib
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 
-BLUE, RED, GREY, INK, FAINT = "#0062b2", "#cb3234", "#787e8a", "#262a33", "#e4e6eb"
-NUMBERED = ["#0062b2", "#d55e00", "#008c68", "#b85c96", "#c98c00", "#42a0d8", "#6e6e76", "#96283c"]
+BLUE, RED, GREY, INK = "#0062b2", "#cb3234", "#787e8a", "#262a33"
 SINGULARITIES = {"elbow": "#e27722", "wrist": "#eb4ad4", "overhead": "#ab8f2a", "shoulder": "#ab8f2a"}
-LOOK = {
-    "font.family": "DejaVu Sans", "font.size": 9, "axes.titlesize": 9, "axes.titleweight": "bold", "axes.titlelocation": "left",
-    "axes.edgecolor": GREY, "axes.labelcolor": INK, "text.color": INK, "xtick.color": GREY, "ytick.color": GREY, "axes.spines.top": False,
-    "axes.spines.right": False, "axes.grid": True, "grid.color": FAINT, "axes.axisbelow": True, "axes.prop_cycle": plt.cycler(color=NUMBERED),
-    "lines.linewidth": 1.4, "legend.frameon": False, "legend.fontsize": 8, "figure.dpi": 100, "savefig.dpi": 200, "svg.fonttype": "path",
-    "svg.hashsalt": "armplane", "pdf.fonttype": 42, "axes.formatter.useoffset": False,
-}  # fmt: skip
+LOOK = pathlib.Path(__file__).with_suffix(".mplstyle")
 
 
 @contextlib.contextmanager
 def page(path, title, subtitle, notes, rows, width=9.8, files=("svg", "pdf", "png")):
     """A figure of rows of panels, (height, number) each: yields the panels, row by row, and saves `path` with each ending. `notes` may grow meanwhile."""
-    with plt.rc_context(LOOK):
+    with plt.rc_context(fname=LOOK):
         below = lambda: 0.19 * sum(1 + len(note) // 145 for note in notes)
         height = sum(height for height, _ in rows) + 1.1
         figure = plt.figure(figsize=(width, height + 1.2))
