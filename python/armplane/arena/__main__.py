@@ -501,7 +501,6 @@ def arguments():
     add("--join-limit", type=positive, default=LONGEST["join"], metavar="SECONDS", help=f"longest time in which an opponent loads and joins a run [default: {LONGEST['join']}]")
     add("--tracks", action="store_true", help="add the tracks: each opponent's own clock, which slows where a limit demands it, and the paper's tasks without hints")
     add("--varied", action="store_true", help=f"add payload +-10 %%, encoder noise x 4, and estimates {DELAY} ticks late, on the first lines of each arm")
-    add("--race", metavar="LAW,LAW", help="the two laws of the page's curves [default: armplane and the best of the others]")
     add("--tune", action="store_true", help="add a row of each law tuned: the best of at most six settings on lines of another seed")
     add("--again", type=int, default=0, metavar="N", help="then run N tasks of each law a second time, and compare every torque")
     add("--check", metavar="FILE", help="compute the hash of an arena.parquet, and compare it with the one that it states")
@@ -538,18 +537,14 @@ def conditions(asked, found, todo, folder):
     return cells
 
 
-def races(asked, summary, found, todo, more):
-    """Two laws on up to three tasks, tick by tick: a task that only the other does, one that only the first does, one that both do."""
-    names = asked.race.split(",") if asked.race else summary.rivals()
-    known, places = {entry.name: entry for entry in found}, {task.name: task for task in todo}
-    if asked.race and (len(names) != 2 or not {*names} <= {*known}):
-        refuse(f"--race takes two laws of this table: {', '.join(known)}")
-    out = []
-    for heading, name in summary.contests(*names) if names else ():
+def races(summary, found, todo, more):
+    """Ours and the best of the others on up to three tasks, tick by tick: one that only they do, one that only we do, one that both do."""
+    entries, places, out = {entry.name: entry for entry in found}, {task.name: task for task in todo}, []
+    for heading, name in summary.contests():
         curves = {}
-        for law in names:
+        for law in summary.rivals():
             with tempfile.TemporaryDirectory() as folder:
-                ended = one_run(known[law], places[name].copied(folder), folder, more, record=True)
+                ended = one_run(entries[law], places[name].copied(folder), folder, more, record=True)
                 curves[law] = picture.curves(folder) if "ticks" in ended else None
         out.append((heading, name, curves))
     return out
@@ -582,7 +577,7 @@ def compete(asked):
     save(folder, rows, found_hash, command)
     summary = page.Summary(rows, skipped, versions(), found_hash, command)
     print(summary.text())
-    (folder / "arena.html").write_text(summary.html(races(asked, summary, found, todo, more)))
+    (folder / "arena.html").write_text(summary.html(races(summary, found, todo, more)))
     print(f"{folder}/arena.html, {folder}/arena.parquet")
     if asked.again:
         different = again(found, todo, rows, asked.again, more)

@@ -101,10 +101,12 @@ class Summary:
         theirs = [name for name in self.laws if not name.startswith(OURS)]
         return [OURS, max(theirs, key=lambda name: self.laws[name].clean.sum())] if theirs and OURS in self.laws else []
 
-    def contests(self, first, second):
-        """Up to three tasks of two laws, with a heading each: one that only the second does, one that only the first does, one that both do."""
-        one, two = self.laws[first].clean, self.laws[second].clean
-        found = {f"only {second} does it": ~one & two, f"only {first} does it": one & ~two, "both do it": one & two}
+    def contests(self):
+        """Up to three tasks of the rivals, with a heading each: one that only the second does, one that only the first does, one that both do."""
+        if not (rivals := self.rivals()):
+            return []
+        one, two = (self.laws[law].clean for law in rivals)
+        found = {f"only {rivals[1]} does it": ~one & two, f"only {rivals[0]} does it": one & ~two, "both do it": one & two}
         return [(heading, tasks.idxmax()) for heading, tasks in found.items() if tasks.any()]
 
     def conditions(self):
