@@ -36,15 +36,6 @@ class Mine(armplane.arena.Velocity):
         J = self.arm.J(q)
         return J.T @ np.linalg.solve(J @ J.T + self.damping**2 * np.eye(6), ref.V + 10 * self.arm.error(q, ref))
 """
-IDLE = """
-import armplane.arena
-
-
-class Idle(armplane.arena.Torque):
-    def torque(self, q, qdot, ref):
-        self.arm.move_to(q, 0 * qdot)
-        return self.arm.bias() - 5 * qdot
-"""
 # Processes of their own, which may say what they like; the judge takes their clock alone.
 CHEAT = """
 import armplane
@@ -111,12 +102,6 @@ def test_a_home_made_opponent_enters_the_table_with_the_same_bytes_twice(tmp_pat
     assert [law["law"] for law in laws] == ["blended", "mine"]
     assert laws[1]["s1"] and laws[1]["completed"] and laws[1]["orthogonal_max_mm"] < 1.0
     assert compare(tmp_path / "b", task, "--law", f"mine={tmp_path / 'mine.py'}")[0]["hash"] == laws[1]["hash"]
-
-
-def test_one_that_does_nothing_gets_nothing(tmp_path, task):
-    (tmp_path / "idle.py").write_text(IDLE)
-    idle = compare(tmp_path / "out", task, "--law", f"idle={tmp_path / 'idle.py'}")[0]
-    assert not idle["s1"] and not idle["s2"] and "end" in idle["missed"]
 
 
 @pytest.mark.parametrize("end, missed", [(5000, "end"), (100, "task")])

@@ -43,7 +43,7 @@ def test_our_messages_are_those_of_the_package_to_copy(store):
 
 
 def test_frames_are_those_of_the_urdf(tmp_path):
-    """Against a hand-written chain: a base above the root, a tool beyond the end-effector, a camera on a moving link."""
+    """A tool beyond the end-effector, and a camera on a moving link."""
     from armplane.play.robot import Robot
 
     link = lambda name, parent, xyz, rpy: (f'<link name="{name}"/><joint name="to_{name}" type="fixed"><parent link="{parent}"/><child link="{name}"/>'
@@ -52,13 +52,15 @@ def test_frames_are_those_of_the_urdf(tmp_path):
     job = _job_of("ur5", tmp_path)
     job["robot"]["urdf"] = job["robot"]["urdf"].replace("</robot>", more + "</robot>")
     frames, q = Frames(Robot(job)), np.array([0.3, -1.2, 1.6, -1.0, 0.9, 0.2])
-    offset = lambda x, y, z, *rpy: RigidTransform.from_components([x, y, z], Rotation.from_euler("xyz", rpy)).as_matrix()
-    turn = lambda angle: offset(0, 0, 0, 0, 0, angle)
-    half = np.pi / 2
-    forearm = offset(0, 0, 0.089159, 0, 0, 0) @ turn(q[0]) @ offset(0, 0, 0, half, 0, 0) @ turn(q[1]) @ offset(-0.425, 0, 0, 0, 0, 0) @ turn(q[2])
-    assert np.abs(frames.pose("forearm_link", q) - forearm).max() < 1e-9
-    assert np.abs(frames.pose("camera", q) - forearm @ offset(0.1, 0.2, 0.3, 0.4, 0.5, 0.6)).max() < 1e-9
-    assert np.abs(frames.pose("pen", q) - frames.pose("tool0", q) @ offset(0, 0, 0.1, 0, 0.3, 0)).max() < 1e-9
+    offset = lambda xyz, rpy: RigidTransform.from_components(xyz, Rotation.from_euler("xyz", rpy)).as_matrix()
+    at = armplane.Arm.builtin("ur5").at(q)
+    for name, pose in {
+        "forearm_link": at.links[2],
+        "camera": at.links[2] @ offset([0.1, 0.2, 0.3], [0.4, 0.5, 0.6]),
+        "pen": at.pose @ offset([0, 0, 0.1], [0, 0.3, 0]),
+        "/base_link": np.eye(4),
+    }.items():
+        assert np.abs(frames.pose(name, q) - pose).max() < 1e-9, name
     assert frames.base == "base_link"
     R = rotation_exp(np.array([0.3, -2.0, 1.0]))
     assert np.abs(rotation_of(quaternion(R)) - R).max() < 1e-9
