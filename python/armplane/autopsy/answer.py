@@ -65,7 +65,7 @@ def _answer(source, log, m, seen, ranked):
     reason = _REASONS.get(first.cause, f": {'not a singularity, but ' if near.min() < 0.3 else ''}{first.cause}")
     sentences = [f"{source.name}: {what}{when}{reason}"] + [_sentence(text) for text in dict.fromkeys([*([effect.text] if effect else []), first.text])]
     if first.cause not in ("singularity", *_WHAT):
-        at = int(np.argmin(np.abs(m.t[m.rows] - first.t)))
+        at = int(np.argmin(np.abs(m.t_k - first.t)))
         sentences.append(f"No singularity: then, the smallest singular value was {near[at]:.0%} of this arm's usual one")
     if len(ranked) > 1 and ranked[1].weight > 0.6:
         sentences.append(f"Also: {ranked[1].text}")

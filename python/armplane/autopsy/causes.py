@@ -51,11 +51,6 @@ def long_runs(masks, t, least):
     return sorted((*run, j) for j, mask in enumerate(masks.T) if (run := long_run(mask, t, least)))
 
 
-def period(m):
-    """Between two rows with kinematics, s."""
-    return float(np.median(np.diff(m.t[m.rows])))
-
-
 # --- causes from outside ---
 
 
@@ -163,7 +158,7 @@ def speed_limit(log, m):
     if m.asked_by in ("twist", "pose") and np.isfinite(limits).any():
         some = slice(None, None, max(1, len(m.rows) // 4000))
         needed = np.abs(np.einsum("kji,ki->kj", np.linalg.pinv(m.J[some], rcond=0.02), m.asked[some])) / limits
-        t = m.t[m.rows[some]]
+        t = m.t_k[some]
         hit = long_run((needed.max(axis=1) > 1.1) & (m.sigma[some] > 0.45 * m.usual), t, 0.03)
         if hit and (found is None or t[hit[0]] < found.t):
             j = int(np.argmax(needed[hit[0]]))
@@ -224,15 +219,15 @@ def singularity(log, m):
     The motion asked for is the twist or pose of the log; with joint commands alone, which pass any posture, it is the hand's steady motion before.
     """
     if m.asked_by in ("twist", "pose"):
-        return _along(m, m.asked, m.asked_by)
+        return _along(m, m.S, m.asked_by)
     steady = _steady(m)
     return (_along(m, steady, "steady motion before") if steady is not None else None) or _amplified(m)
 
 
 def _steady(m):
     """The hand's twist where it was constant for 0.3 s while the joints' speeds were not, as on a straight line; held from then on."""
-    t, dt = m.t[m.rows], period(m)
-    V, v = (smooth(x, max(1, int(0.04 / dt))) for x in (m.V * m.robot.scale, m.v[m.rows]))
+    t, dt = m.t_k, m.period
+    V, v = (smooth(x, max(1, int(0.04 / dt))) for x in (m.W, m.v_k))
 
     def change(x):
         width = max(4, int(0.3 / dt))
@@ -247,12 +242,12 @@ def _steady(m):
         return None
     asked = np.zeros_like(V)
     asked[found[0] :] = np.median(V[slice(*found)], axis=0)
-    return asked / m.robot.scale
+    return asked
 
 
-def _along(m, asked, by):
-    S, t, v = asked * m.robot.scale, m.t[m.rows], m.v[m.rows]
-    missing, dot = S - m.V * m.robot.scale, lambda a, b: np.abs(np.sum(a * b, axis=1))
+def _along(m, S, by):
+    t, v, missing = m.t_k, m.v_k, S - m.W
+    dot = lambda a, b: np.abs(np.sum(a * b, axis=1))
     size, part, along, own = norm(S), dot(m.u, S), dot(m.u, missing), dot(m.null, v)
     if not size.max() > 0:
         return None
@@ -276,8 +271,8 @@ def _along(m, asked, by):
 
 def _halt(m, S, size):
     """Where the hand slowed down to rest as the Jacobian's condition number rose, though asked to go on, as MoveIt Servo does it; or `None`."""
-    t = m.t[m.rows]
-    kept = np.sum(m.V * m.robot.scale * S, axis=1) / np.maximum(size * size, 1e-12)
+    t = m.t_k
+    kept = np.sum(m.W * S, axis=1) / np.maximum(size * size, 1e-12)
     for a, b in runs((kept < 0.15) & (size > 0.3 * np.quantile(size, 0.9))):
         before = np.flatnonzero(kept[:a] > 0.85)
         if t[b - 1] - t[a] >= 0.1 and len(before) and t[a] - t[before[-1]] >= 0.05:
@@ -294,8 +289,8 @@ def _null_speed(m, unlimited):
 
 def _amplified(m):
     """Joint speed that grows along the arm's null direction while the hand's does not, in a log that has only joints."""
-    t, dt = m.t[m.rows], period(m)
-    v, V = (smooth(x, max(1, int(0.02 / dt))) for x in (m.v[m.rows], m.V * m.robot.scale))
+    t, dt = m.t_k, m.period
+    v, V = (smooth(x, max(1, int(0.02 / dt))) for x in (m.v_k, m.W))
     back = np.maximum(np.arange(len(t)) - max(3, int(0.4 / dt)), 0)
     growth = lambda size: size / np.maximum(size[back], 0.1 * np.quantile(size, 0.9))
     joint, share = norm(v), np.abs(np.sum(m.null * v, axis=1)) / np.maximum(norm(v), 1e-9)
@@ -312,7 +307,7 @@ def _evidence(m, a, b, weight, share, need, limits, by):
     data = {
         "name": name, "type": kind, "zeta": zeta.tolist(), "measure": measure, "sigma": float(m.sigma[k]), "condition": condition,
         "share": None if share is None else float(share), "needed": float(min(need, 1e6)), "limit": limit if np.isfinite(limit) else None, "by": by,
-        "q": q.tolist(), "t_nearest": float(m.t[m.rows[k]]),
+        "q": q.tolist(), "t_nearest": float(m.t_k[k]),
     }  # fmt: skip
     half, way = (zeta[3:], "rotation about") if np.linalg.norm(zeta[:3]) < 0.5 else (zeta[:3], "translation along")
     fast = f", which needs {min(need, 999):.1f} rad/s" + (f" of {limit:.1f} there are" if np.isfinite(limit) else "")
@@ -320,7 +315,7 @@ def _evidence(m, a, b, weight, share, need, limits, by):
     asked = "the joints' speed grew while the hand's did not" if share is None else f"{share:.0%} of the motion asked for was along it{fast}"
     where = f"its {name} singularity ({kind}, s = {measure:.3f}" if name != "unnamed" else f"a singularity ({m.sigma[k] / m.usual:.0%} of the usual smallest singular value"
     words = f"the arm is near {where}, condition number {condition:.0f}); lost is the {way} ({' '.join(f'{x:+.2f}' for x in half)}), and {asked}"
-    return Evidence("singularity", float(m.t[m.rows[a]]), weight, words, data)
+    return Evidence("singularity", float(m.t_k[a]), weight, words, data)
 
 
 def nearest(m, q):
@@ -360,7 +355,7 @@ def stops(m):
     """Rests that were not asked for: the command goes on, or the motion ends within 0.1 s."""
     speed = norm(m.v * np.where(m.robot.turns, 1, 1 / m.robot.length))
     peak, back = np.quantile(speed, 0.95), max(2, int(0.15 / m.dt))
-    asked = np.zeros(len(m.rows)) if m.asked is None else norm(m.asked * m.robot.scale)
+    asked = np.zeros(len(m.rows)) if m.S is None else norm(m.S)
     off = np.abs(m.qc - m.q).max(axis=1) if m.qc is not None else np.zeros(len(m.t))
     for a, b in runs(speed < max(0.04 * peak, 0.006)) if peak >= 0.01 else ():
         if a < back or m.t[b - 1] - m.t[a] < 0.15:
@@ -387,14 +382,14 @@ def strays(m):
             k, j = np.unravel_index(np.argmax(off[slice(*hit)]), off[slice(*hit)].shape)
             yield Effect("strayed", float(m.t[hit[0]]), f"{m.robot.joints[j]} was up to {np.degrees(off[hit[0] + k, j]):.1f}° from its command")
     if m.asked_by in ("twist", "pose"):
-        size, k = norm(m.asked * m.robot.scale), np.arange(len(m.rows))
+        size, k = norm(m.S), np.arange(len(m.rows))
         # The hand may follow by up to 0.15 s later.
-        late = [np.maximum(k - int(n * 0.05 / period(m)), 0) for n in range(4)]
-        off = np.min([norm((m.asked[before] - m.V) * m.robot.scale) for before in late], axis=0)
-        if hit := long_run((off > 0.45 * size) & (size > 0.3 * np.quantile(size, 0.9)), m.t[m.rows], 0.08):
+        late = [np.maximum(k - int(n * 0.05 / m.period), 0) for n in range(4)]
+        off = np.min([norm(m.S[before] - m.W) for before in late], axis=0)
+        if hit := long_run((off > 0.45 * size) & (size > 0.3 * np.quantile(size, 0.9)), m.t_k, 0.08):
             linear, angular = np.split((m.asked - m.V)[hit[0] + int(np.argmax(off[slice(*hit)]))], 2)
             words = f"{1000 * np.linalg.norm(linear):.0f} mm/s and {np.degrees(np.linalg.norm(angular)):.0f}°/s off what was asked"
-            yield Effect("strayed", float(m.t[m.rows[hit[0]]]), f"the hand moved up to {words}")
+            yield Effect("strayed", float(m.t_k[hit[0]]), f"the hand moved up to {words}")
 
 
 def jumps(m):

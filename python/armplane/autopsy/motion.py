@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
+from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
 from .columns import Stream, hold
@@ -50,7 +51,8 @@ def turned(R, V):
 
 class Motion:
     """The log on the clock of its positions, finite everywhere. Rows: `t`, `q`, `v` (measured), `qc`, `vc` (commanded) and `tau`, `None` where not logged;
-    `V`: the hand's twist, `asked`: the one asked for, by the twist, pose or joint command (`asked_by`); `sigma`, `u`, `null`: the last singular triple."""
+    Of the thinned `rows`, kinematics: `V`: the hand's twist, `asked`: the one asked for, by the twist, pose or joint command (`asked_by`); `W` and `S`: the same
+    with metres as radians; `sigma`, `u`, `null`: the last singular triple; `t_k`, `v_k`: time and joint velocities, every `period` s."""
 
     def __init__(self, log, robot, final=False):
         self.log, self.robot, self.notes, self.fits, self._final = log, robot, [], True, final
@@ -80,8 +82,8 @@ class Motion:
             return
         some = slice(None, None, max(1, len(self.t) // 2000))
         cost = np.median(np.abs(filled(hold(command, self.t))[some, :, None] - self.q[some, None]), axis=0).T
-        order, n = np.argmin(cost, axis=1), np.arange(len(cost))
-        if len(set(order)) == len(n) and cost[n, order].sum() < 0.2 * cost[n, n].sum() and cost[n, n].sum() > 0.3:
+        joints, order = linear_sum_assignment(cost)
+        if cost[joints, order].sum() < 0.2 * np.trace(cost) and np.trace(cost) > 0.3:
             self.log.streams["q_cmd"] = Stream(command.t, command.x[:, order], command.name)
             self.notes.append(f"The command's joints are in another order than the state's; they were matched as {', '.join(str(k + 1) for k in order)}.")
 
@@ -99,7 +101,10 @@ class Motion:
         self.u, self.sigma, self.null = r.decompose(self.J)
         sample = np.random.default_rng(0).uniform(np.maximum(r.lower, -np.pi), np.minimum(r.upper, np.pi), (400, r.dof))
         self.usual = float(np.median(r.decompose(r.move(sample)[1])[1]))
-        self.V = np.einsum("kij,kj->ki", self.J, self.v[rows])
+        self.t_k, self.v_k = self.t[rows], self.v[rows]
+        self.period = float(np.median(np.diff(self.t_k)))
+        self.V = np.einsum("kij,kj->ki", self.J, self.v_k)
+        self.W = self.V * r.scale
         self.asked, self.asked_by = None, ""
         if (twist := self._held("twist_cmd")) is not None:
             self.asked, self.asked_by = self._twist(twist[rows]), "twist"
@@ -108,6 +113,7 @@ class Motion:
         elif self.vc is not None:
             J = self.J if self.qc is None else r.move(self.qc[rows])[1]
             self.asked, self.asked_by = np.einsum("kij,kj->ki", J, self.vc[rows]), "joint command"
+        self.S = None if self.asked is None else self.asked * r.scale
         self._pose_fits()
 
     def _target(self, target):
@@ -134,9 +140,9 @@ class Motion:
         if usable.sum() < 10:
             return twist
         # The first of them: later, the incident itself may be what differs.
-        t, first = self.t[self.rows], np.flatnonzero(usable)
+        t, first = self.t_k, np.flatnonzero(usable)
         usable &= t < t[first[min(10, len(first) - 1)]] + 0.6
-        V = (self.V * scale)[usable]
+        V = self.W[usable]
         fit = lambda asked: alike((asked * scale)[usable], V)
         in_hand = turned(self.pose[:, :3, :3], twist)
         as_it_is, as_of_hand = fit(twist), fit(in_hand) - 0.02

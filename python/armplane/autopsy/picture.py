@@ -11,14 +11,14 @@ def draw(path, answer, m):
     stem, _, ending = str(path).rpartition(".")
     if ending not in ("png", "svg", "pdf"):
         raise ValueError(f"{path} is no picture's name: end it with .png, .svg or .pdf")
-    first, t, robot = answer["evidence"][0], m.t[m.rows], m.robot
+    first, t, robot = answer["evidence"][0], m.t_k, m.robot
     near = np.abs(t - first["t"]) < (2 if answer["cause"] not in ("none", "another robot") else np.inf)
     near = near if near.sum() > 5 else np.ones(len(t), bool)
-    t, v, V, sigma = t[near], m.v[m.rows[near]], m.V[near] * robot.scale, m.sigma[near]
+    t, v = t[near], m.v_k[near]
     most = np.where(np.isfinite(robot.velocity), robot.velocity, max(np.abs(m.v).max(), 1e-6))
-    speeds, losses = [("actual", norm(V), BLUE)], [("smallest singular value, % of usual", 100 * sigma / m.usual, BLUE)]
-    if m.asked is not None:
-        S = m.asked[near] * robot.scale
+    speeds, losses = [("actual", norm(m.W[near]), BLUE)], [("smallest singular value, % of usual", 100 * m.sigma[near] / m.usual, BLUE)]
+    if m.S is not None:
+        S = m.S[near]
         speeds.insert(0, (f"asked ({m.asked_by})", norm(S), GREY))
         losses.append(("asked motion along ζ, %", 100 * np.abs(np.sum(m.u[near] * S, axis=1)) / np.maximum(norm(S), 1e-9), GREY))
     title, subtitle = f"{answer['log']}: {answer['what']}, {answer['cause']}", f"{answer['robot']}, {answer['rate_hz']:g} Hz"
