@@ -72,54 +72,56 @@ def schema_of(kind):
     return {"$ref": f"#/$defs/{kind}"}
 
 
+def structure(about, attributes, body):
+    """The schema of a struct, and the types whose fields are flattened into it."""
+    properties, required, flattened = {}, [], []
+    is_closed = "deny_unknown_fields" in attributes
+    for words, of_field, item in split(body):
+        field, kind = re.fullmatch(r"pub (\w+): (.*)", item).groups()
+        if "serde(flatten)" in of_field:
+            flattened.append(kind)
+            continue
+        named = dict(re.findall(r'(rename|alias) = "(\w+)"', of_field))
+        name, schema, is_option = named.get("rename", field), schema_of(kind), kind.startswith("Option<")
+        if 'with = "floor"' in of_field:
+            schema = {"anyOf": [{"type": "number"}, {"const": "none"}]}
+        elif is_option and "skip_serializing_if" not in of_field:
+            schema = {"anyOf": [schema, {"type": "null"}]}
+        properties[name] = {**schema, "description": words}
+        if is_closed and "alias" in named:
+            properties[named["alias"]] = {**schema, "description": f"The same as {field}."}
+        # serde takes an option that is left out as none, unless a function of its own reads it.
+        is_read = " with =" in of_field or "deserialize_with" in of_field
+        if "default)]" not in attributes and "serde(default" not in of_field and (is_read or not is_option):
+            required.append(name)
+    schema = {"type": "object", "description": about, "properties": properties}
+    schema |= {"required": required} if required else {}
+    return schema | ({"additionalProperties": False} if is_closed else {}), flattened
+
+
 def definitions():
     """The schema of every type in the files, by name."""
     found, flattened = {}, []
-    files = [TYPES / "scenario.rs", TYPES / "fault.rs", TYPES / "fault" / "kind.rs", TYPES / "summary.rs", TYPES / "job.rs"]
-    files += [TYPES / "graph" / "topology.rs", TYPES / "process.rs", TYPES / "layout.rs", *sorted((TYPES / "scenario").glob("*.rs"))]
-    for file in files:
+    words_of = lambda comments: text_of(comments.splitlines())
+    names = ["scenario", "fault", "fault/kind", "summary", "job", "graph/topology", "process", "layout"]
+    for file in [*(TYPES / f"{name}.rs" for name in names), *sorted((TYPES / "scenario").glob("*.rs"))]:
         source = file.read_text().split("#[cfg(test)]")[0]
         head = r"((?:^///[^\n]*\n)*)((?:^#\[[^\n]*\n)*)^pub (struct|enum) (\w+) \{\n(.*?)^\}"
         for comments, attributes, what, name, body in re.findall(head, source, re.S | re.M):
             if "Deserialize" not in attributes:
                 continue
-            about = text_of(comments.splitlines())
             if what == "enum":
                 options = [{"const": kebab(item), "description": words} for words, _, item in split(body)]
-                found[name] = {"description": about, "oneOf": options}
-                continue
-            properties, required = {}, []
-            all_default = "default)]" in attributes
-            for words, of_field, item in split(body):
-                field, kind = re.fullmatch(r"pub (\w+): (.*)", item).groups()
-                if "serde(flatten)" in of_field:
-                    flattened.append((name, kind))
-                    continue
-                renamed = re.search(r'rename = "(\w+)"', of_field)
-                schema = schema_of(kind)
-                if 'with = "floor"' in of_field:
-                    schema = {"anyOf": [{"type": "number"}, {"const": "none"}]}
-                if kind.startswith("Option<") and "skip_serializing_if" not in of_field and "floor" not in of_field:
-                    schema = {"anyOf": [schema, {"type": "null"}]}
-                properties[renamed[1] if renamed else field] = {**schema, "description": words}
-                if "deny_unknown_fields" in attributes and (alias := re.search(r'alias = "(\w+)"', of_field)):
-                    properties[alias[1]] = {**schema, "description": f"The same as {field}."}
-                # serde takes an option that is left out as none, unless a function of its own reads it.
-                is_option = kind.startswith("Option<") and " with =" not in of_field and "deserialize_with" not in of_field
-                if not (all_default or is_option or "serde(default" in of_field):
-                    required.append(renamed[1] if renamed else field)
-            found[name] = {"type": "object", "description": about, "properties": properties}
-            if required:
-                found[name]["required"] = required
-            if "deny_unknown_fields" in attributes:
-                found[name]["additionalProperties"] = False
+                found[name] = {"description": words_of(comments), "oneOf": options}
+            else:
+                found[name], parts = structure(words_of(comments), attributes, body)
+                flattened += [(name, part) for part in parts]
         for comments, name, body in re.findall(r"words! \{\n((?:    ///[^\n]*\n)*)    (\w+) \{\n(.*?)^    \}", source, re.S | re.M):
             options = [{"const": re.search(r'"([^"]+)"', item)[1], "description": words} for words, _, item in split(body)]
-            found[name] = {"description": text_of(comments.splitlines()), "oneOf": options}
-    for name, kind in flattened:
-        for part, none in (("properties", {}), ("required", [])):
-            both = [found[of].get(part, none) for of in (kind, name)]
-            found[name][part] = both[0] | both[1] if part == "properties" else both[0] + both[1]
+            found[name] = {"description": words_of(comments), "oneOf": options}
+    for name, part in flattened:
+        found[name]["properties"] = found[part]["properties"] | found[name]["properties"]
+        found[name]["required"] = found[part].get("required", []) + found[name].get("required", [])
     return found
 
 
