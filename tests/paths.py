@@ -147,7 +147,6 @@ def main():
     args = options.parse_args()
     folder = pathlib.Path(args.keep or tempfile.mkdtemp(prefix="paths-"))
     folder.mkdir(parents=True, exist_ok=True)
-    failed = False
     every = []
     for name in args.arms.split(","):
         arm = Arm(name)

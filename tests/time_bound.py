@@ -31,11 +31,9 @@ def run(scenario):
 
 def bound(arm, u, q):
     """The least time for a joint path, s."""
-    lower, upper = np.full(q.shape[1], -1e3), np.full(q.shape[1], 1e3)
-    speed = np.minimum(SPEED * np.asarray(arm.velocity), upper)
     # One coordinate more is the clock itself.
     path = toppra.SplineInterpolator(u, np.column_stack([q, u]))
-    speeds = np.append(speed, 1.0)
+    speeds = np.append(np.minimum(SPEED * arm.velocity, 1e3), 1.0)
     holding = np.append(TORQUE * np.asarray(arm.effort), 1e9)
 
     def torque(q, qdot, qddot):

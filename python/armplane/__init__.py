@@ -17,13 +17,13 @@ __path__ = extend_path(__path__, __name__)
 
 from . import wire
 from .joined import Joined, ProcessError
+from .lazy import found
 from .process import Controller, Observer, Operator, Plant, Process
 from .results import Run, load, run
 
-_NATIVE = ("Arm", "Law", "LawState", "Posture", "Reference", "Singularity")
-_TRIALS = ("laws", "lines", "trace", "trial")
+_PLACES = {"_armplane": ("Arm", "Law", "LawState", "Posture", "Reference", "Singularity"), "trials": ("laws", "lines", "trace", "trial")}
 
-__all__ = ["Controller", "Joined", "Observer", "Operator", "Plant", "Process", "ProcessError", "Run", "load", "run", "subscribe", "wire", *_NATIVE, *_TRIALS]
+__all__ = ["Controller", "Joined", "Observer", "Operator", "Plant", "Process", "ProcessError", "Run", "load", "run", "subscribe", "wire", *sum(_PLACES.values(), ())]
 
 
 def subscribe(topic, run=None):
@@ -35,10 +35,7 @@ def subscribe(topic, run=None):
 
 def __getattr__(name):
     # A process of a run needs neither numpy nor the extension module, and starts in milliseconds without them.
-    if name not in _NATIVE + _TRIALS:
-        raise AttributeError(f"module 'armplane' has no attribute {name!r}")
     try:
-        from . import _armplane, trials
+        return found(__name__, _PLACES, name)
     except ImportError as error:
         raise ImportError(f"armplane.{name} is part of the wheel that `python/build` makes (docs/python.md): {error}") from error
-    return getattr(trials if name in _TRIALS else _armplane, name)

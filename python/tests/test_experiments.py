@@ -10,7 +10,6 @@ import threading
 import time
 
 import armplane
-import numpy as np
 import pytest
 from armplane import experiments
 from armplane.experiments import __main__ as command

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import functools
 import importlib.util
 import json
 import os
@@ -20,7 +21,9 @@ from xml.etree import ElementTree
 
 import armplane
 import numpy as np
+import processes
 import pytest
+from processes import having
 
 CHROMIUM = "/usr/bin/chromium"
 # Vertical field of view of the page's camera, rad.
@@ -34,6 +37,7 @@ MISSING = [name for name in ("viser", "playwright", "mcap") if importlib.util.fi
 needs_viser = pytest.mark.skipif("viser" in MISSING, reason="viser is not installed: pip install 'armplane[play]'")
 needs_browser = pytest.mark.skipif(bool(MISSING) or not os.path.exists(CHROMIUM), reason=f"needs {CHROMIUM}; missing in Python: {MISSING or 'nothing'}")
 WIRE = armplane.wire
+wait = functools.partial(processes.wait, seconds=PATIENCE)
 # In the page: when the mouse was moved, and when the page learnt of it; in the worker that reads the WebSocket: when messages arrived. In ms since 1970, with
 # the places of links, m. Nothing of it waits for a picture.
 WATCH = """
@@ -64,14 +68,6 @@ RESTS = """updates.length > 11 && [1, 2, 3, 4, 5].every(link => [0, 1, 2].every(
     const values = updates.slice(-12).flatMap(([_, links]) => links["/arm/" + link] ? [links["/arm/" + link][axis]] : [])
     return Math.max(...values) - Math.min(...values) < 5e-5 || values.length < 1
 }))"""
-
-
-def _wait(find, seconds=PATIENCE):
-    """The answer of `find`, as soon as that is something; its last answer where the time is up."""
-    end = time.monotonic() + seconds
-    while not (found := find()) and time.monotonic() < end:
-        time.sleep(0.05)
-    return found
 
 
 def _press(control):
@@ -150,7 +146,7 @@ class Play:
             self.runs.add(states[-1]["run"])
             return wanted(states[-1])
 
-        assert _wait(find, seconds), json.dumps(states[-1])
+        assert wait(find, seconds=seconds), json.dumps(states[-1])
         return states[-1]
 
     def grip(self, page):
@@ -207,14 +203,7 @@ class Play:
 
     def descendants(self):
         """Process ids of the page and its runs: they and nobody else have its folder for temporary files."""
-        mark, found = f"TMPDIR={self.temporary}".encode(), []
-        for path in pathlib.Path("/proc").glob("[0-9]*/environ"):
-            try:
-                if mark in path.read_bytes():
-                    found.append(int(path.parent.name))
-            except OSError:
-                pass
-        return found
+        return having(f"TMPDIR={self.temporary}")
 
     def launcher(self, but=None):
         """Process id of `armplane servo`, another one than `but`."""
@@ -226,7 +215,7 @@ class Play:
                         return pid
             return None
 
-        pid = _wait(find)
+        pid = wait(find)
         assert pid, "no run"
         return pid
 
@@ -234,7 +223,7 @@ class Play:
         """Ends it, and looks for processes, shared memory and temporary files of it."""
         self.process.send_signal(signal.SIGTERM)
         assert self.process.wait(timeout=PATIENCE) in (0, -signal.SIGKILL)
-        assert _wait(lambda: not self.descendants())
+        assert wait(lambda: not self.descendants())
         assert not list(self.temporary.iterdir())
         assert not [path for run in self.runs for path in pathlib.Path("/dev/shm").glob(f"{run}*")]
         self.process.stdout.close()
@@ -381,7 +370,7 @@ def test_a_killed_launcher_is_followed_by_another_run(tmp_path):
 def test_a_page_killed_with_its_run_leaves_nothing_behind(tmp_path):
     one = Play(tmp_path, "puma560")
     launcher = one.launcher()
-    assert _wait(lambda: one.runs.update(path.name for path in pathlib.Path("/dev/shm").glob(f"armplane-*-{launcher}-*") if path.is_dir()) or one.runs)
+    assert wait(lambda: one.runs.update(path.name for path in pathlib.Path("/dev/shm").glob(f"armplane-*-{launcher}-*") if path.is_dir()) or one.runs)
     os.kill(launcher, signal.SIGKILL)
     one.process.kill()
     one.nothing_is_left()
@@ -536,7 +525,7 @@ def test_a_browser_changes_only_what_is_offered_and_only_while_it_steers():
     page._inject("x"), page._go_near("x"), page._turn(0, float("nan"))
     assert not faults
     page._inject("noise")
-    assert _wait(lambda: faults)[0][0] == "plant"
+    assert wait(lambda: faults)[0][0] == "plant"
 
 
 def test_without_viser_a_sentence_says_what_to_install(monkeypatch, capsys):

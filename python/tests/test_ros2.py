@@ -1,7 +1,6 @@
 """`--ros2`: a participant in another process, with cyclonedds alone, steers a UR5 and hears of it; what a killed side leaves."""
 
 import contextlib
-import glob
 import importlib.util
 import json
 import os
@@ -19,6 +18,7 @@ from armplane.results import _program
 from armplane.ros2.door import DEFINED
 from armplane.ros2.servo import Frames, quaternion
 from armplane.rotation import rotation_exp, rotation_log, rotation_of
+from processes import having, wait
 from scipy.spatial.transform import RigidTransform, Rotation
 
 HERE = pathlib.Path(__file__).parent
@@ -119,15 +119,17 @@ class Face:
 
     def until(self, topic, wanted=lambda _: True, seconds=20):
         """The first message that is as wanted."""
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            for message in self.messages(topic):
-                self.last[topic] = message
-                if wanted(message):
-                    return message
+
+        def find():
+            for self.last[topic] in self.messages(topic):
+                if wanted(self.last[topic]):
+                    return self.last[topic]
             assert self.process.poll() is None, self.said()
-            time.sleep(0.02)
-        raise AssertionError(f"{self.last.get(topic)}\n{self.said()}")
+            return None
+
+        found = wait(find, seconds)
+        assert found, f"{self.last.get(topic)}\n{self.said()}"
+        return found
 
     def said(self):
         self.log.flush()
@@ -165,11 +167,7 @@ class Face:
 
     def pid(self):
         """Of the process of the run."""
-        for path in glob.glob("/proc/[0-9]*/environ"):
-            with contextlib.suppress(OSError):
-                if f"ROS_DOMAIN_ID={self.domain}\0".encode() in (text := pathlib.Path(path).read_bytes()) and b"ARMPLANE_PROCESS=ros2\0" in text:
-                    return int(path.split("/")[2])
-        return None
+        return next(iter(having(f"ROS_DOMAIN_ID={self.domain}", "ARMPLANE_PROCESS=ros2")), None)
 
     def end(self):
         if self.process.poll() is None:
@@ -269,8 +267,7 @@ def test_only_timely_commands_that_can_be_followed_move_the_arm(store, tmp_path)
         for topic, fields, why in refused:
             time.sleep(1.05)
             face.peer.send(topic, fields)
-            time.sleep(0.1)
-            assert re.search(rf"/{topic}: refused: .*{re.escape(why)}", face.said()), (topic, fields, why, face.said()[-600:])
+            assert wait(lambda: re.search(rf"/{topic}: refused: .*{re.escape(why)}", face.said()), 5), (topic, fields, why, face.said()[-600:])
         # Servo's service: each of its three types is granted, another one is not.
         for command_type, success in ((1, True), (2, True), (9, False)):
             face.peer.send("servo_node/switch_command_typeRequest", (7, command_type, command_type))
@@ -336,9 +333,7 @@ def test_each_side_may_be_killed_and_stopped(mode, store, tmp_path):
         assert face.until("robot_description").data.startswith("<?xml")
         face.messages("joint_states")
         face.until("joint_states", lambda one: np.abs(one.velocity).max() < 0.05)
-        end = time.monotonic() + 15
-        while face.peer.ask("heard", TWIST) != 1 and time.monotonic() < end:
-            time.sleep(0.1)
+        wait(lambda: face.peer.ask("heard", TWIST) == 1, 15)
         face.peer.send(TWIST, twist([0.05, 0, 0]), seconds=0.5)
         face.rests()
         assert 0.01 < face.hand()[0][0] - begin[0] < 0.08
@@ -360,10 +355,7 @@ def test_each_side_may_be_killed_and_stopped(mode, store, tmp_path):
         assert -0.04 < face.hand()[0][0] - begin[0] < -0.005
         # The launcher's death ends everything.
         face.process.kill()
-        end = time.monotonic() + 10
-        while face.pid() and time.monotonic() < end:
-            time.sleep(0.1)
-        assert face.pid() is None
+        assert wait(lambda: face.pid() is None, 10)
     # A killed launcher leaves this in shared memory.
     subprocess.run([_program(), "clean"], check=True, capture_output=True)
 

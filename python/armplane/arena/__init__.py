@@ -13,17 +13,14 @@ Twists are `[linear; angular]` in base axes, SI units throughout. docs/arena.md 
 
 from pathlib import Path
 
+from ..lazy import found
+
 # The files of the controllers of others.
 OPPONENTS = sorted((Path(__file__).parents[1] / "opponents").glob("[!_]*.py"))
-_PLACES = {"Arm": "arm", "Position": "laws", "Reference": "laws", "Torque": "laws", "Velocity": "laws"}
-
-__all__ = ["OPPONENTS", *_PLACES]
+_PLACES = {"arm": ("Arm",), "laws": ("Position", "Reference", "Torque", "Velocity")}
+__all__ = ["OPPONENTS", *sum(_PLACES.values(), ())]
 
 
 def __getattr__(name):
     # The command `armplane arena` needs neither numpy nor MuJoCo to say what is missing.
-    if name not in _PLACES:
-        raise AttributeError(f"module 'armplane.arena' has no attribute {name!r}")
-    import importlib
-
-    return getattr(importlib.import_module(f".{_PLACES[name]}", __name__), name)
+    return found(__name__, _PLACES, name)

@@ -7,13 +7,12 @@
 The command is `armplane autopsy LOG --robot ARM` (docs/autopsy.md).
 """
 
-__all__ = ["CAUSES", "ROLES", "LogError", "Robot", "autopsy"]
+from ..lazy import found
+
+_PLACES = {"causes": ("CAUSES",), "columns": ("ROLES",), "logs": ("LogError",), "robot": ("Robot",), "answer": ("autopsy",)}
+__all__ = sum(_PLACES.values(), ())
 
 
 def __getattr__(name):
-    # The command lists its arguments, and says what to install, without numpy and pandas.
-    if name not in __all__:
-        raise AttributeError(f"module 'armplane.autopsy' has no attribute {name!r}")
-    from . import answer
-
-    return getattr(answer, name)
+    # The command lists its arguments, and says what to install, without numpy and scipy.
+    return found(__name__, _PLACES, name)

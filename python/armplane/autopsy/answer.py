@@ -4,8 +4,8 @@ import functools
 
 import numpy as np
 
-from .causes import CAUSES, find
-from .columns import ROLES, Log, Stream, choose, useful
+from .causes import find
+from .columns import Log, Stream, choose, useful
 from .logs import LogError, read
 from .motion import motion_of
 from .robot import Robot
