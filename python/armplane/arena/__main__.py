@@ -112,25 +112,24 @@ class Entry:
 
 def entries(names):
     """The requested rows (`NAME` or `NAME=FILE.py`, each with `:key=value` for another number), and the reason for each one left out."""
-    found, skipped = [], {}
-    for text in names or [*OWN, *(path.stem for path in OPPONENTS)]:
+    found, skipped, known = [], {}, {path.stem: path for path in OPPONENTS}
+    for text in names or [*OWN, *known]:
         head, *pairs = text.split(":")
         settings = {key: _value(value) for key, _, value in (pair.partition("=") for pair in pairs)}
         name, _, file = head.partition("=")
-        known = {path.stem: path for path in OPPONENTS}
-        if not file and name not in known:
-            if STRATEGY.get(name, name) not in armplane.laws(all=True):
-                refuse(f"there is no law {name}: give NAME=FILE.py for a file of yours, or one of {', '.join([*OWN, *known, *armplane.laws()])}")
-            found.append(Entry(text, STRATEGY.get(name, name), True, settings={**PUBLISHED.get(name, {}), **settings}))
-            continue
-        file = pathlib.Path(file or known[name]).resolve()
-        if not file.is_file():
-            refuse(f"there is no file {file}: give the path of an opponent that exists")
-        reason, about = asked_file(file, settings)
-        if reason:
-            skipped[text] = reason
+        if file or name in known:
+            file = pathlib.Path(file or known[name]).resolve()
+            if not file.is_file():
+                refuse(f"there is no file {file}: give the path of an opponent that exists")
+            reason, about = asked_file(file, settings)
+            if reason:
+                skipped[text] = reason
+            else:
+                found.append(Entry(":".join([name, *pairs]), str(file), False, about, settings))
+        elif (strategy := STRATEGY.get(name, name)) in armplane.laws(all=True):
+            found.append(Entry(text, strategy, True, settings={**PUBLISHED.get(name, {}), **settings}))
         else:
-            found.append(Entry(":".join([name, *pairs]), str(file), False, about, settings))
+            refuse(f"there is no law {name}: give NAME=FILE.py for a file of yours, or one of {', '.join([*OWN, *known, *armplane.laws()])}")
     names = [entry.name for entry in found]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice:
@@ -185,20 +184,20 @@ def tuned(found, table, folder, jobs):
     todo, _ = tasks.make(folder / "training", "short", tasks.TRAINING, tasks.TRAINED)
     trials = lambda entry: TRIALS.get(entry.name, []) if entry.own else entry.about["trials"]
     entries = [(entry, entry.with_settings(f"{entry.name} {json.dumps(one)}", **one)) for entry in found if ":" not in entry.name for one in trials(entry)]
-    rows = judged(table.fill([(trial, task, BASE) for _, trial in entries for task in todo], jobs))
+    if not entries:
+        return []
+    laws = page.Summary(judged(table.fill([(trial, task, BASE) for _, trial in entries for task in todo], jobs)), {}, {}, "").laws
 
     def worth(trial):
-        mine = [row for row in rows if row["law"] == trial.name]
-        count = lambda so: sum(bool(so(row)) for row in mine)
-        return count(page.clean), count(lambda row: row.get("s1")), count(lambda row: row.get("s2")), -sum(min(row.get("orthogonal_max_mm", 1e3), 1e3) for row in mine)
+        mine = laws[trial.name]
+        return mine.clean.sum(), mine.s1.sum(), mine.s2.sum(), -mine.orthogonal_max_mm.fillna(1e3).clip(upper=1e3).sum()
 
-    best = {}
-    for entry, trial in entries:
-        if entry.name not in best or worth(trial) > worth(best[entry.name]):
-            best[entry.name] = trial
-    for name, trial in best.items():
-        print(f"{name} tuned: {json.dumps(trial.settings)}, {worth(trial)[0]} of {len(todo)} training lines", file=sys.stderr)
-    return [trial.with_settings(name + TUNED) for name, trial in best.items()]
+    out = []
+    for name, those in itertools.groupby(entries, key=lambda one: one[0].name):
+        best = max((trial for _, trial in those), key=worth)
+        print(f"{name} tuned: {json.dumps(best.settings)}, {worth(best)[0]} of {len(todo)} training lines", file=sys.stderr)
+        out.append(best.with_settings(name + TUNED))
+    return out
 
 
 class Children:
