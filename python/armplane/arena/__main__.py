@@ -566,6 +566,8 @@ def compete(asked):
     except ValueError as error:
         refuse(error)
     skipped.update(arms_out)
+    if not todo:
+        refuse(f"no task is left to run: {'; '.join(f'{arm}: {reason}' for arm, reason in arms_out.items())}")
     table.hold()
     if asked.tune:
         found += tuned(found, table, folder, asked.jobs)
