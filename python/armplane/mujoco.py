@@ -246,21 +246,20 @@ class World:
         lower, upper = (np.where(arm.model.jnt_limited, side, sign * 3.0) for side, sign in zip(arm.model.jnt_range.T, (-1, 1)))
         postures = [arm.start, *np.random.default_rng(0).uniform(lower, upper, (4, arm.n))]
         body, first = m.jnt_bodyid[self.joints[0]], arm.model.jnt_bodyid[0]
-        worst, candidates = {}, []
+        bases, worst = [], np.zeros((2, arm.n))
         for posture in postures:
             d.qpos[self.qpos] = posture
             mujoco.mj_kinematics(m, d)
             arm.move_to(posture)
-            if not candidates:
+            if not bases:
                 R = d.xmat[body].reshape(3, 3) @ arm.data.xmat[first].reshape(3, 3).T
-                candidates = [(np.eye(3), np.zeros(3)), (R, d.xpos[body] - R @ arm.data.xpos[first])]
-            for k, (R, p) in enumerate(candidates):
+                bases = [(np.eye(3), np.zeros(3)), (R, d.xpos[body] - R @ arm.data.xpos[first])]
+            for k, (R, p) in enumerate(bases):
                 axes, ours = d.xaxis[self.joints], arm.data.xaxis @ R.T
                 apart = np.cross(d.xanchor[self.joints] - (arm.data.xanchor @ R.T + p), axes)
-                far = np.maximum(np.abs(axes - ours).max(axis=1), np.where(arm.turns, np.abs(apart).max(axis=1), 0.0))
-                worst[k] = np.maximum(worst.get(k, 0.0), far)
-        best = min(worst, key=lambda k: worst[k].max())
-        self.base, far = candidates[best][0], worst[best]
+                worst[k] = np.maximum.reduce([worst[k], np.abs(axes - ours).max(axis=1), np.abs(apart).max(axis=1) * arm.turns])
+        best = worst.max(axis=1).argmin()
+        self.base, far = bases[best][0], worst[best]
         if far.max() > _SAME:
             name = arm.names[int(np.argmax(far > _SAME))]
             raise ValueError(f"{self.where}: the axis of joint {name} lies {far.max():.2g} m or rad from that of {self.robot}: it is another arm")
