@@ -4,47 +4,8 @@ import ctypes
 
 ARMPLANE_VERSION = "0.1.0"
 MAX_DOF = 8  # elements of an array of joints
-MAX_SINGULARITIES = 4  # elements of an array of singularities
 MAX_HOPS = 8  # processes that stamp a message
-
-KIND_NUMERIC = 0
-KIND_ELBOW = 1
-KIND_WRIST = 2
-KIND_OVERHEAD = 3
-KIND_SHOULDER = 4
-KINDS = {KIND_NUMERIC: "numeric", KIND_ELBOW: "elbow", KIND_WRIST: "wrist", KIND_OVERHEAD: "overhead", KIND_SHOULDER: "shoulder"}
-
-TYPE_UNKNOWN = 0
-TYPE_1 = 1
-TYPE_2 = 2
-TYPE_MIXED = 3
-TYPES = {TYPE_UNKNOWN: "unknown", TYPE_1: "type 1", TYPE_2: "type 2", TYPE_MIXED: "mixed"}
-
-MODE_REGULAR = 0
-MODE_BLEND = 1
-MODE_TRACK = 2
-MODE_PASS = 3
-MODE_HOLD = 4
-MODE_REORIENT = 5
-MODE_SLIDE = 6
-MODE_RECOVER = 7
-MODES = {MODE_REGULAR: "regular", MODE_BLEND: "blend", MODE_TRACK: "track", MODE_PASS: "pass", MODE_HOLD: "hold", MODE_REORIENT: "reorient", MODE_SLIDE: "slide", MODE_RECOVER: "recover"}
-
-REFUSAL_NONE = 0
-REFUSAL_STATE = 1
-REFUSAL_REPORT = 2
-REFUSAL_SINGULAR = 3
-REFUSAL_SPEED = 4
-REFUSAL_ROOM = 5
-REFUSAL_TORQUE = 6
-REFUSAL_ROUTE = 7
-REFUSAL_LIMIT = 8
-REFUSAL_UNLISTED = 9
-REFUSAL_ESTIMATE = 10
-REFUSAL_PARTED = 11
-REFUSAL_CHECKPOINT = 12
-REFUSAL_CONTACT = 13
-REFUSALS = {REFUSAL_NONE: "", REFUSAL_STATE: "the estimated state is not a finite number", REFUSAL_REPORT: "the singularity report is of another version of the wire", REFUSAL_SINGULAR: "the arm is singular in a way that the law does not handle; start or lead the path elsewhere", REFUSAL_SPEED: "the path passes so near to a singularity that even at its slowest it needs far more joint speed than there is", REFUSAL_ROOM: "the singular direction cannot be turned as asked: the joints have no room for it; ask for less, or start elsewhere", REFUSAL_TORQUE: "the torque is not a finite number", REFUSAL_ROUTE: "the path cannot be followed within the joint limits from this start posture; start in another posture, or lead the path elsewhere", REFUSAL_LIMIT: "a joint came too near to its limit and the arm was stopped before it; start in another posture, or end the path earlier", REFUSAL_UNLISTED: "the arm has lost a direction that no listed singularity explains: start elsewhere, or lead the path around that posture", REFUSAL_ESTIMATE: "the estimated state moves as no torque within the limits can move the arm; see to the encoders", REFUSAL_PARTED: "the arm was held back or thrown", REFUSAL_CHECKPOINT: "the checkpoint of the process before it is damaged; start the run again", REFUSAL_CONTACT: "the hand met nothing in the direction of its force, or could not press that hard: put a surface there, or start nearer to it"}
+MAX_SINGULARITIES = 4  # elements of an array of singularities
 
 DRIVE_ACTIVE = 0
 DRIVE_HOLDING = 1
@@ -62,39 +23,33 @@ DRIVE_ENCODER = 128
 DRIVE_DIVERGED = 32
 DRIVE_FLAGS = {DRIVE_ABSENT: "absent", DRIVE_REFUSED: "refused", DRIVE_EFFORT: "effort", DRIVE_RATE: "rate", DRIVE_SPEED: "speed", DRIVE_STALE: "stale", DRIVE_ENCODER: "encoder", DRIVE_DIVERGED: "diverged"}
 
-PHASE_RUNNING = 0
-PHASE_SETTLING = 1
-PHASE_DONE = 2
-PHASE_REFUSED = 3
-PHASES = {PHASE_RUNNING: "running", PHASE_SETTLING: "settling", PHASE_DONE: "done", PHASE_REFUSED: "refused"}
-
-TARGET_NONE = 0
-TARGET_TWIST = 1
-TARGET_POSE = 2
-TARGET_POSTURE = 3
-TARGET_END = 4
-TARGET_UNREADABLE = 5
-TARGETS = {TARGET_NONE: "none", TARGET_TWIST: "twist", TARGET_POSE: "pose", TARGET_POSTURE: "posture", TARGET_END: "end", TARGET_UNREADABLE: "unreadable"}
-
 FRAME_BASE = 0
 FRAME_HAND = 1
 FRAME_SINGULAR = 2
 FRAMES = {FRAME_BASE: "base", FRAME_HAND: "hand", FRAME_SINGULAR: "singular"}
 
-SIDE_KEEP = 0
-SIDE_NEGATIVE = 1
-SIDE_POSITIVE = 2
-SIDES = {SIDE_KEEP: "keep", SIDE_NEGATIVE: "negative", SIDE_POSITIVE: "positive"}
+KIND_NUMERIC = 0
+KIND_ELBOW = 1
+KIND_WRIST = 2
+KIND_OVERHEAD = 3
+KIND_SHOULDER = 4
+KINDS = {KIND_NUMERIC: "numeric", KIND_ELBOW: "elbow", KIND_WRIST: "wrist", KIND_OVERHEAD: "overhead", KIND_SHOULDER: "shoulder"}
 
-TARGET_REFUSAL_NONE = 0
-TARGET_REFUSAL_NUMBER = 1
-TARGET_REFUSAL_FRAME = 2
-TARGET_REFUSAL_KIND = 3
-TARGET_REFUSAL_ROTATION = 4
-TARGET_REFUSAL_TIME = 5
-TARGET_REFUSAL_RANGE = 6
-TARGET_REFUSAL_JOINTS = 7
-TARGET_REFUSALS = {TARGET_REFUSAL_NONE: "", TARGET_REFUSAL_NUMBER: "it holds a NaN or an infinity", TARGET_REFUSAL_FRAME: "its frame is unknown, or not one for its kind (a pose is in base)", TARGET_REFUSAL_KIND: "its kind or its side is unknown", TARGET_REFUSAL_ROTATION: "its quaternion is not of norm 1", TARGET_REFUSAL_TIME: "its time stamp is in the future, or its validity is negative", TARGET_REFUSAL_RANGE: "a number is beyond 1000", TARGET_REFUSAL_JOINTS: "its posture has not one value for each joint of the arm"}
+MODE_REGULAR = 0
+MODE_BLEND = 1
+MODE_TRACK = 2
+MODE_PASS = 3
+MODE_HOLD = 4
+MODE_REORIENT = 5
+MODE_SLIDE = 6
+MODE_RECOVER = 7
+MODES = {MODE_REGULAR: "regular", MODE_BLEND: "blend", MODE_TRACK: "track", MODE_PASS: "pass", MODE_HOLD: "hold", MODE_REORIENT: "reorient", MODE_SLIDE: "slide", MODE_RECOVER: "recover"}
+
+PHASE_RUNNING = 0
+PHASE_SETTLING = 1
+PHASE_DONE = 2
+PHASE_REFUSED = 3
+PHASES = {PHASE_RUNNING: "running", PHASE_SETTLING: "settling", PHASE_DONE: "done", PHASE_REFUSED: "refused"}
 
 REASON_FOLLOWING = 0
 REASON_RESTING = 1
@@ -108,6 +63,51 @@ REASON_STOPPED = 8
 REASON_OVER = 9
 REASON_HELD = 10
 REASONS = {REASON_FOLLOWING: "follows", REASON_RESTING: "rests", REASON_STALE: "rests: the target is older than its validity", REASON_FAST: "slowed: the target is faster than the session allows", REASON_SINGULARITY: "slowed near a singularity", REASON_EFFORT: "slowed: a joint is at its speed or torque limit", REASON_LIMIT: "slowed before a joint limit", REASON_REACH: "at the boundary of reach", REASON_STOPPED: "stopped, goes on from rest", REASON_OVER: "over", REASON_HELD: "held back: something is in the arm's way"}
+
+REFUSAL_NONE = 0
+REFUSAL_STATE = 1
+REFUSAL_REPORT = 2
+REFUSAL_SINGULAR = 3
+REFUSAL_SPEED = 4
+REFUSAL_ROOM = 5
+REFUSAL_TORQUE = 6
+REFUSAL_ROUTE = 7
+REFUSAL_LIMIT = 8
+REFUSAL_UNLISTED = 9
+REFUSAL_ESTIMATE = 10
+REFUSAL_PARTED = 11
+REFUSAL_CHECKPOINT = 12
+REFUSAL_CONTACT = 13
+REFUSALS = {REFUSAL_NONE: "", REFUSAL_STATE: "the estimated state is not a finite number", REFUSAL_REPORT: "the singularity report is of another version of the wire", REFUSAL_SINGULAR: "the arm is singular in a way that the law does not handle; start or lead the path elsewhere", REFUSAL_SPEED: "the path passes so near to a singularity that even at its slowest it needs far more joint speed than there is", REFUSAL_ROOM: "the singular direction cannot be turned as asked: the joints have no room for it; ask for less, or start elsewhere", REFUSAL_TORQUE: "the torque is not a finite number", REFUSAL_ROUTE: "the path cannot be followed within the joint limits from this start posture; start in another posture, or lead the path elsewhere", REFUSAL_LIMIT: "a joint came too near to its limit and the arm was stopped before it; start in another posture, or end the path earlier", REFUSAL_UNLISTED: "the arm has lost a direction that no listed singularity explains: start elsewhere, or lead the path around that posture", REFUSAL_ESTIMATE: "the estimated state moves as no torque within the limits can move the arm; see to the encoders", REFUSAL_PARTED: "the arm was held back or thrown", REFUSAL_CHECKPOINT: "the checkpoint of the process before it is damaged; start the run again", REFUSAL_CONTACT: "the hand met nothing in the direction of its force, or could not press that hard: put a surface there, or start nearer to it"}
+
+SIDE_KEEP = 0
+SIDE_NEGATIVE = 1
+SIDE_POSITIVE = 2
+SIDES = {SIDE_KEEP: "keep", SIDE_NEGATIVE: "negative", SIDE_POSITIVE: "positive"}
+
+TARGET_NONE = 0
+TARGET_TWIST = 1
+TARGET_POSE = 2
+TARGET_POSTURE = 3
+TARGET_END = 4
+TARGET_UNREADABLE = 5
+TARGETS = {TARGET_NONE: "none", TARGET_TWIST: "twist", TARGET_POSE: "pose", TARGET_POSTURE: "posture", TARGET_END: "end", TARGET_UNREADABLE: "unreadable"}
+
+TARGET_REFUSAL_NONE = 0
+TARGET_REFUSAL_NUMBER = 1
+TARGET_REFUSAL_FRAME = 2
+TARGET_REFUSAL_KIND = 3
+TARGET_REFUSAL_ROTATION = 4
+TARGET_REFUSAL_TIME = 5
+TARGET_REFUSAL_RANGE = 6
+TARGET_REFUSAL_JOINTS = 7
+TARGET_REFUSALS = {TARGET_REFUSAL_NONE: "", TARGET_REFUSAL_NUMBER: "it holds a NaN or an infinity", TARGET_REFUSAL_FRAME: "its frame is unknown, or not one for its kind (a pose is in base)", TARGET_REFUSAL_KIND: "its kind or its side is unknown", TARGET_REFUSAL_ROTATION: "its quaternion is not of norm 1", TARGET_REFUSAL_TIME: "its time stamp is in the future, or its validity is negative", TARGET_REFUSAL_RANGE: "a number is beyond 1000", TARGET_REFUSAL_JOINTS: "its posture has not one value for each joint of the arm"}
+
+TYPE_UNKNOWN = 0
+TYPE_1 = 1
+TYPE_2 = 2
+TYPE_MIXED = 3
+TYPES = {TYPE_UNKNOWN: "unknown", TYPE_1: "type 1", TYPE_2: "type 2", TYPE_MIXED: "mixed"}
 
 
 class Header(ctypes.Structure):

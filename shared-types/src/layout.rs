@@ -54,6 +54,21 @@ pub fn structure(element: &str) -> Option<(&'static [Field], usize)> {
     }
 }
 
+impl Field {
+    /// How many elements it has; `None` of a single one.
+    #[must_use]
+    pub fn count(&self) -> Option<usize> {
+        let element = match &*self.element {
+            "u8" => 1,
+            "u32" => 4,
+            part => structure(part).map_or(8, |(_, size)| size),
+        };
+        self.type_name
+            .starts_with('[')
+            .then_some(self.size / element)
+    }
+}
+
 /// A topic that a graph declares for a message that only its own processes know.
 ///
 /// ```toml

@@ -101,9 +101,9 @@ pub(crate) fn generate(what: &Generate, mut command: Command) -> Result<ExitCode
             Schema::Summary => session::schema::SUMMARY.to_owned(),
         },
         Generate::Wire { lang } => match lang {
-            Language::Json => describe::json(),
-            Language::C => describe::c(),
-            Language::Python => describe::python(),
+            Language::Json => format!("{:#}", describe::wire()),
+            Language::C => describe::rendered(describe::C).map_err(Failure::work)?,
+            Language::Python => describe::rendered(describe::PYTHON).map_err(Failure::work)?,
         },
     };
     show_painted(&format_args!("{}\n", text.trim_end()));
