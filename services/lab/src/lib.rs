@@ -14,6 +14,5 @@ pub mod studies;
 pub mod trial;
 
 mod folder;
-mod pool;
 mod signals;
 mod text;

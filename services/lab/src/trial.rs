@@ -2,15 +2,15 @@
 //!
 //! ```text
 //! [Trial]   a scenario (settings, seed, faults) on a robot          compare: one a law; drill: one a fault; Python: any
-//!    │ Trial::run, on_all_cores       on one thread
+//!    │ Trial::run                     on one thread
 //!    ▼
 //! [Row]     the result, named as in summary.json
 //!    ▼
-//! table     a list of columns, each a heading and the text of a row (text.rs); JSON by serde
+//! table     headings, and the cells of a row (session::table); JSON by serde
 //! ```
 //!
-//! A new experiment is a function that makes a list of trials, `on_all_cores` with [`Trial::run`], and a list of columns. One that must look at each tick
-//! uses [`Trial::watch`]; what it adds to a row it keeps in a structure of its own with the row flattened into it.
+//! A new experiment is a function that makes a list of trials, calls [`Trial::run`] of each on all cores, and prints a table. One that must look at each
+//! tick uses [`Trial::watch`]; what it adds to a row it keeps in a structure of its own with the row flattened into it.
 
 use std::sync::mpsc;
 use std::thread;

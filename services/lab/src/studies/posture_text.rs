@@ -2,15 +2,13 @@
 
 use std::fmt;
 
-use model::{Joint, Robot};
+use model::Robot;
 use nalgebra::DMatrix;
-use session::table::{Fitted, count};
+use session::table::{Fitted, count, number, table};
 use shared_types::codes;
-use shared_types::messages::SingularityState;
 use viz::digits;
 
 use super::posture::Posture;
-use crate::text::{Columns, optional};
 
 /// Tables of joints and singularities, matrices, singular values and remarks.
 pub struct PostureText<'a> {
@@ -47,29 +45,35 @@ impl fmt::Display for PostureText<'_> {
 
 impl PostureText<'_> {
     fn joints(&self) -> Fitted {
-        type Row<'a> = (usize, &'a Joint);
-        let Posture {
-            q, gravity, bias, ..
-        } = self.posture;
-        let finite = |x: f64, text: String| optional(x.is_finite().then_some(text), |text| text);
-        let place = |joint: &Joint, q: f64| {
-            finite(
-                q,
-                format!("{:.2}{}", joint.kind.shown(q), joint.kind.units()[0]),
-            )
-        };
-        let load =
-            |joint: &Joint, x: f64| finite(x, format!("{} {}", digits(x), joint.kind.units()[1]));
-        Columns::<Row<'_>>::new()
-            .text("joint", |(_, joint)| joint.name.clone())
-            .number("q rad, m", |(i, _)| format!("{:.6}", q[*i]))
-            .number("q", |(i, joint)| place(joint, q[*i]))
-            .number("lower", |(_, joint)| place(joint, joint.lower))
-            .number("upper", |(_, joint)| place(joint, joint.upper))
-            .number("gravity", |(i, joint)| load(joint, gravity[*i]))
-            .number("bias", |(i, joint)| load(joint, bias[*i]))
-            .number("limit", |(_, joint)| load(joint, joint.effort))
-            .print(self.robot.joints.iter().enumerate())
+        let posture = self.posture;
+        let mut joints = table(&[
+            "joint", "q rad, m", "q", "lower", "upper", "gravity", "bias", "limit",
+        ]);
+        for (i, joint) in self.robot.joints.iter().enumerate() {
+            let [place, load] = joint.kind.units();
+            let known = |x: f64, text: String| {
+                if x.is_finite() {
+                    text
+                } else {
+                    "–".to_owned()
+                }
+            };
+            let at = |q: f64| known(q, format!("{:.2}{place}", joint.kind.shown(q)));
+            let under = |x: f64| known(x, format!("{} {load}", digits(x)));
+            let q = posture.q[i];
+            let numbers = [
+                format!("{q:.6}"),
+                at(q),
+                at(joint.lower),
+                at(joint.upper),
+                under(posture.gravity[i]),
+                under(posture.bias[i]),
+                under(joint.effort),
+            ];
+            let name = [joint.name.as_str().into()].into_iter();
+            joints.add_row(name.chain(numbers.map(number)));
+        }
+        joints
     }
 
     /// Determinant, singular values, rank.
@@ -106,25 +110,31 @@ impl PostureText<'_> {
     }
 
     fn singularities(&self) -> Fitted {
-        type Row<'a> = (&'a str, &'a SingularityState);
-        let zeta = |s: &SingularityState| {
+        let mut rows = table(&[
+            "singularity",
+            "s",
+            "η in/out",
+            "inside",
+            "type",
+            "κ₁",
+            "κ₂",
+            "ζ (base axes)",
+        ]);
+        for (name, s) in self.posture.singularities() {
             let (kind, at) = if s.angular != 0 { ("ω", 3) } else { ("v", 0) };
-            let z = &s.zeta_B[at..];
-            let [x, y, z] = [z[0], z[1], z[2]].map(|value| unsigned(value, 3));
-            format!("{kind} [{x}, {y}, {z}]")
-        };
-        Columns::<Row<'_>>::new()
-            .text("singularity", |(name, _)| *name)
-            .number("s", |(_, s)| digits(s.s))
-            .number("η in/out", |(_, s)| {
-                format!("{} / {}", s.eta_in, s.eta_out)
-            })
-            .text("inside", |(_, s)| if s.inside != 0 { "inside" } else { "" })
-            .text("type", |(_, s)| codes::name_of(codes::TYPES, s.class))
-            .number("κ₁", |(_, s)| digits(s.kappa_1))
-            .number("κ₂", |(_, s)| digits(s.kappa_2))
-            .text("ζ (base axes)", |(_, s)| zeta(s))
-            .print(self.posture.singularities())
+            let [x, y, z] = [0, 1, 2].map(|axis| unsigned(s.zeta_B[at + axis], 3));
+            rows.add_row([
+                name.into(),
+                number(digits(s.s)),
+                number(format!("{} / {}", s.eta_in, s.eta_out)),
+                if s.inside != 0 { "inside" } else { "" }.into(),
+                codes::name_of(codes::TYPES, s.class).into(),
+                number(digits(s.kappa_1)),
+                number(digits(s.kappa_2)),
+                format!("{kind} [{x}, {y}, {z}]").into(),
+            ]);
+        }
+        rows
     }
 }
 

@@ -15,16 +15,16 @@ use std::time::Instant;
 
 use control::Kind;
 use model::{Refused, Robot};
+use rayon::prelude::*;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
-use session::{Failure, Observer, Results, load};
+use session::{Failure, Observer, Progress, Results, load};
 use shared_types::codes::singularity_name;
 use shared_types::graph::Graph;
 use shared_types::scenario::Scenario;
 use shared_types::summary::{BOUNDARY, MISSED, REACHED};
 
 use crate::folder::check;
-use crate::pool::on_all_cores;
 use crate::row::Row;
 
 /// The scenario that stands for many lines.
@@ -188,10 +188,20 @@ impl Compared {
         let all: Vec<_> = request.laws.iter().zip(graphs).flat_map(under).collect();
         let plans = self.is_exact;
         let run = |(law, graph, task): &(&Law, &Option<Graph>, &Drawn)| {
-            run(robot, law, graph.as_ref(), task, plans)
+            let line = run(robot, law, graph.as_ref(), task, plans);
+            observer(Progress::Step);
+            line
         };
         let is_in_processes = graphs.iter().any(Option::is_some);
-        let lines = unless_stopped(is_in_processes, || on_all_cores(name, &all, run, observer))?;
+        observer(Progress::Begin {
+            title: name,
+            length: all.len() as u64,
+            unit: "runs",
+        });
+        // A core that is done takes the next task, however long the others are.
+        let on_all_cores = || all.par_iter().with_max_len(1).map(run).collect::<Vec<_>>();
+        let lines = unless_stopped(is_in_processes, on_all_cores)?;
+        observer(Progress::End);
         let mut refused = lines.iter().filter(|line| line.score.is_none());
         if let Some(line) = refused.next().filter(|_| self.speed.is_none()) {
             return Err(Failure::Input(format!("{name}: {}", line.reason)));

@@ -3,13 +3,14 @@
 use std::fmt;
 
 use recorder::Bounds;
-use session::table::count as plural;
+use session::table::{Cell, Fitted, count as plural, number, table};
+use shared_types::summary::TaskSummary;
 use viz::digits;
 
 use super::verdict::{findings, verdicts};
-use super::{Compared, Counts, Line, Outcome, Race, Racer};
+use super::{Compared, Counts, Outcome, Race};
 use crate::row::Row;
-use crate::text::{Columns, optional, percent, quantile};
+use crate::text::{optional, percent, quantile};
 
 /// A table of the laws, the verdict, and its terms.
 impl fmt::Display for Compared {
@@ -26,17 +27,21 @@ impl fmt::Display for Compared {
     }
 }
 
-/// Adds the columns of errors, of a row that may be none.
-fn with_errors<'a, R>(
-    columns: Columns<'a, R>,
-    row: impl Fn(&R) -> Option<&Row> + Copy + 'a,
-) -> Columns<'a, R> {
-    let error = move |of: fn(&Row) -> f64| move |one: &R| optional(row(one), |row| digits(of(row)));
-    columns
-        .number("⊥\u{a0}ζ, mm", error(|row| row.task.orthogonal_max_mm))
-        .number("⊥\u{a0}ζ, °", error(|row| row.task.orthogonal_max_deg))
-        .number("∥\u{a0}ζ, mm", error(|row| row.task.along_max_mm))
-        .number("∥\u{a0}ζ, °", error(|row| row.task.along_max_deg))
+/// Headings of a row's errors.
+const ERRORS: [&str; 4] = ["⊥\u{a0}ζ, mm", "⊥\u{a0}ζ, °", "∥\u{a0}ζ, mm", "∥\u{a0}ζ, °"];
+
+/// The errors of a row that may be none.
+fn errors(row: Option<&Row>) -> [Cell; 4] {
+    let of = |task: &TaskSummary| {
+        let orthogonal = [task.orthogonal_max_mm, task.orthogonal_max_deg];
+        [orthogonal, [task.along_max_mm, task.along_max_deg]].concat()
+    };
+    let errors = row.map(|row| of(&row.task));
+    std::array::from_fn(|i| number(optional(errors.as_ref(), |errors| digits(errors[i]))))
+}
+
+fn stretch(factor: f64) -> String {
+    format!("× {factor:.2}")
 }
 
 impl Compared {
@@ -47,16 +52,24 @@ impl Compared {
         writeln!(f, "{name}{colon}{title} (seed {seed})")?;
         let lines = self.laws.iter().flat_map(|law| &law.1);
         let rows: Vec<Row> = lines.filter_map(|line| line.score.clone()).collect();
-        let columns = Columns::<(&Row, String)>::new()
-            .text("law", |(row, _)| row.law.clone())
-            .text("verdict", |(_, verdict)| verdict.clone());
-        let columns = with_errors(columns, |(row, _)| row.completed.then_some(*row))
-            .number("speed", |(row, _)| percent(row.joints.speed_max_ratio))
-            .number("torque", |(row, _)| {
-                percent(row.joints.torque_commanded_max_ratio)
-            })
-            .number("time", |(row, _)| format!("× {:.2}", row.task.time_stretch));
-        writeln!(f, "{}", columns.print(rows.iter().zip(verdicts(&rows))))?;
+        let headings = [
+            &["law", "verdict"][..],
+            &ERRORS,
+            &["speed", "torque", "time"],
+        ];
+        let mut laws = table(&headings.concat());
+        for (row, verdict) in rows.iter().zip(verdicts(&rows)) {
+            let Row { task, joints, .. } = row;
+            let loads = [joints.speed_max_ratio, joints.torque_commanded_max_ratio];
+            let [speed, torque] = loads.map(percent);
+            laws.add_row(
+                [row.law.as_str().into(), verdict.into()]
+                    .into_iter()
+                    .chain(errors(row.completed.then_some(row)))
+                    .chain([speed, torque, stretch(task.time_stretch)].map(number)),
+            );
+        }
+        writeln!(f, "{laws}")?;
         findings(&rows)
             .iter()
             .try_for_each(|line| writeln!(f, "{line}"))?;
@@ -83,92 +96,70 @@ impl Compared {
         if self.is_exact {
             self.by_line(f)?;
         }
-        let names = self.names();
-        let mut groups = Vec::new();
-        for (law, lines) in &self.laws {
-            let each = names.iter().copied().map(Some).chain([None]);
-            groups.extend(each.map(|name| Group {
-                law: law.name().to_owned(),
-                near: name.unwrap_or("all").to_owned(),
-                of: Counts::of(lines, name),
-            }));
-        }
-        writeln!(f, "{}", self.columns().print(groups))?;
         writeln!(
             f,
-            "reached, refused, missed: in words; silent: without; ends: at the goal's pose, by the usual bounds"
+            "{}\nreached, refused, missed: in words; silent: without; ends: at the goal's pose, by the usual bounds",
+            self.groups()
         )
     }
 
     /// A row for each law and singularity.
-    fn columns(&self) -> Columns<'_, Group<'_>> {
-        let share = |so: fn(&Row) -> bool| {
-            move |group: &Group<'_>| {
-                let (yes, all) = (group.of.so(so), group.of.0.len());
-                format!("{:.1}", 100.0 * yes as f64 / all as f64)
+    fn groups(&self) -> Fitted {
+        let plan = "plan, median and largest, ms";
+        let headings = [
+            "law",
+            "singular",
+            "lines",
+            "reached",
+            "refused",
+            "missed",
+            "silent",
+            "S1 %",
+            "S2 %",
+            "ends %",
+            "orthogonal p95, mm",
+            "time p90",
+            "torque step",
+            "S2 missed by",
+            plan,
+        ];
+        let count = headings.len() - usize::from(!self.is_exact);
+        let mut groups = table(&headings[..count]);
+        for (law, lines) in &self.laws {
+            for name in self.names().into_iter().map(Some).chain([None]) {
+                let near = name.unwrap_or("all");
+                let mut row: Vec<Cell> = vec![law.name().into(), near.into()];
+                row.extend(Counts::of(lines, name).cells());
+                groups.add_row(row.into_iter().take(count));
             }
-        };
-        let ended = |outcome| move |group: &Group<'_>| group.of.ended(outcome);
-        let of = |group: &Group<'_>, of: fn(&Row) -> f64, share| {
-            quantile(group.of.rows().map(of), share)
-        };
-        let columns = Columns::<Group<'_>>::new()
-            .text("law", |group| group.law.clone())
-            .text("singular", |group| group.near.clone())
-            .number("lines", |group| group.of.0.len())
-            .number("reached", ended(Outcome::Reached))
-            .number("refused", ended(Outcome::Refused))
-            .number("missed", ended(Outcome::Missed))
-            .number("silent", ended(Outcome::Silent))
-            .number("S1 %", share(|row| row.task.s1))
-            .number("S2 %", share(|row| row.task.s2))
-            .number("ends %", share(Row::ended))
-            .number("orthogonal p95, mm", move |group| {
-                digits(of(group, |row| row.task.orthogonal_max_mm, 0.95))
-            })
-            .number("time p90", move |group| {
-                format!("× {:.2}", of(group, |row| row.task.time_stretch, 0.9))
-            })
-            .number("torque step", move |group| {
-                let largest = of(group, |row| row.joints.torque_step_max_ratio, 1.0);
-                format!("{:.1} %", 100.0 * largest)
-            })
-            .text("S2 missed by", |group| missed(group.of.rows()));
-        if !self.is_exact {
-            return columns;
         }
-        columns.number("plan, median and largest, ms", |group| {
-            let plans = || group.of.0.iter().filter_map(|line| line.planning_ms);
-            let [median, largest] = [0.5, 1.0].map(|share| quantile(plans(), share));
-            format!("{median:.0} {largest:.0}")
-        })
+        groups
     }
 
     /// A row a line, and the reasons of those that did not reach their goal.
     fn by_line(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        type Numbered<'a> = (usize, &'a Line);
-        let load = |of: fn(&Row) -> String| {
-            move |(_, line): &Numbered<'_>| optional(line.score.as_ref(), of)
-        };
+        let names = ["line", "singular", "at its", "goal"];
+        let headings = [&names[..], &ERRORS, &["speed", "time", "S2"]].concat();
         for (_, lines) in &self.laws {
-            let columns = Columns::<Numbered<'_>>::new()
-                .number("line", |(number, _)| *number)
-                .text("singular", |(_, line)| line.singularities.clone())
-                .text("at its", |(_, line)| line.place)
-                .text("goal", |(_, line)| line.outcome);
-            let columns = with_errors(columns, |(_, line)| line.score.as_ref())
-                .number("speed", load(|row| percent(row.joints.speed_max_ratio)))
-                .number(
-                    "time",
-                    load(|row| format!("× {:.2}", row.task.time_stretch)),
-                )
-                .text("S2", |(_, line)| {
-                    optional(line.score.as_ref(), Row::success)
-                });
-            writeln!(f, "{}", columns.print((1..).zip(lines)))?;
-            for (number, line) in (1..).zip(lines) {
+            let mut rows = table(&headings);
+            for (place, line) in (1..).zip(lines) {
+                let score = line.score.as_ref();
+                let load = |of: fn(&Row) -> String| optional(score, of);
+                let names = [
+                    number(place),
+                    line.singularities.as_str().into(),
+                    line.place.into(),
+                    line.outcome.to_string().into(),
+                ];
+                let speed = load(|row| percent(row.joints.speed_max_ratio));
+                let time = load(|row| stretch(row.task.time_stretch));
+                let loads = [number(speed), number(time), load(Row::success).into()];
+                rows.add_row(names.into_iter().chain(errors(score)).chain(loads));
+            }
+            writeln!(f, "{rows}")?;
+            for (place, line) in (1..).zip(lines) {
                 if line.outcome != Outcome::Reached {
-                    writeln!(f, "line {number}, {}: {}", line.outcome, line.reason)?;
+                    writeln!(f, "line {place}, {}: {}", line.outcome, line.reason)?;
                 }
             }
         }
@@ -176,11 +167,33 @@ impl Compared {
     }
 }
 
-/// The lines of a law near a singularity.
-struct Group<'a> {
-    law: String,
-    near: String,
-    of: Counts<'a>,
+impl Counts<'_> {
+    /// Counts, shares and quantiles of the lines, and the time of their plans.
+    fn cells(&self) -> Vec<Cell> {
+        let share = |so: fn(&Row) -> bool| {
+            let share = self.so(so) as f64 / self.0.len() as f64;
+            format!("{:.1}", 100.0 * share)
+        };
+        let of = |of: fn(&Row) -> f64, share| quantile(self.rows().map(of), share);
+        let step = 100.0 * of(|row| row.joints.torque_step_max_ratio, 1.0);
+        let plans = || self.0.iter().filter_map(|line| line.planning_ms);
+        let [median, largest] = [0.5, 1.0].map(|share| quantile(plans(), share));
+        vec![
+            number(self.0.len()),
+            number(self.ended(Outcome::Reached)),
+            number(self.ended(Outcome::Refused)),
+            number(self.ended(Outcome::Missed)),
+            number(self.ended(Outcome::Silent)),
+            number(share(|row| row.task.s1)),
+            number(share(|row| row.task.s2)),
+            number(share(Row::ended)),
+            number(digits(of(|row| row.task.orthogonal_max_mm, 0.95))),
+            number(stretch(of(|row| row.task.time_stretch, 0.9))),
+            number(format!("{step:.1} %")),
+            missed(self.rows()).into(),
+            number(format!("{median:.0} {largest:.0}")),
+        ]
+    }
 }
 
 impl fmt::Display for Outcome {
@@ -216,17 +229,22 @@ impl fmt::Display for Race {
             f,
             "{scenario}: the same plant, seed {seed} and task under two laws"
         )?;
-        let columns = Columns::<&(String, Racer)>::new()
-            .text("law", |one| one.0.clone())
-            .number("position error, mm", |one| digits(one.1.position_max_mm))
-            .number("orientation error, °", |one| {
-                digits(one.1.orientation_max_deg)
-            })
+        let mut laws = table(&[
+            "law",
+            "position error, mm",
+            "orientation error, °",
+            "joint speed",
+        ]);
+        for (law, racer) in [&self.law, &self.rival] {
             // An arm without limits has no share of them.
-            .number("joint speed", |one| {
-                let ratio = Some(one.1.speed_max_ratio);
-                optional(ratio.filter(|ratio| *ratio != 0.0), percent)
-            });
-        writeln!(f, "{}", columns.print([&self.law, &self.rival]))
+            let speed = Some(racer.speed_max_ratio).filter(|ratio| *ratio != 0.0);
+            laws.add_row([
+                law.as_str().into(),
+                number(digits(racer.position_max_mm)),
+                number(digits(racer.orientation_max_deg)),
+                number(optional(speed, percent)),
+            ]);
+        }
+        writeln!(f, "{laws}")
     }
 }
