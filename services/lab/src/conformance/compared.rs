@@ -17,7 +17,7 @@ use shared_types::scenario::Scenario;
 use shared_types::summary::{Summary, TopicSummary};
 use shared_types::topics::{TOPICS, Topic};
 
-use super::difference::{Difference, first_difference};
+use super::difference::{Difference, Differences};
 use crate::signals::Background;
 use crate::trial::Hashes;
 
@@ -254,14 +254,16 @@ fn first_of(
         };
         Some(Place::new(tick, &layout.topic, difference))
     };
+    let mut differences = Differences::new(&layout.fields);
     loop {
         let (one, other) = (expected.next_of(channel), found.next_of(channel));
         let ticks = [one, other].map(|message| message.map_or(u64::MAX, tick_of));
         match (one, other) {
             (None, None) => return None,
             (Some(one), Some(other)) if ticks[0] == ticks[1] => {
-                if let Some(difference) = first_difference(&layout.fields, one, other) {
-                    return Some(Place::new(ticks[0], &layout.topic, difference));
+                differences.add(ticks[0], one, other);
+                if let Some((tick, difference)) = differences.first.take() {
+                    return Some(Place::new(tick, &layout.topic, difference));
                 }
             }
             _ if ticks[0] < ticks[1] => return lacks(ticks[0], ["one", "none"]),

@@ -88,21 +88,13 @@ impl Element {
 /// The numbers of a structure that begins at byte `base`, those of structures inside it too, in order.
 fn elements(layout: &[Field], base: usize, prefix: &str, found: &mut Vec<Element>) {
     for field in layout {
-        let (inside, begin) = (structure(&field.element), base + field.offset);
-        let size = match &*field.element {
-            _ if inside.is_some() => inside.map_or(0, |(_, size)| size),
-            "f64" | "u64" => 8,
-            "u8" => 1,
-            _ => 4,
-        };
         let path = format!("{prefix}{}", field.name);
-        let places = (begin..begin + field.size).step_by(size);
-        for (index, at) in places.enumerate() {
-            let name = match field.type_name.starts_with('[') {
-                true => format!("{path}[{index}]"),
-                false => path.clone(),
-            };
-            match inside {
+        let count = field.count();
+        let size = field.size / count.unwrap_or(1);
+        for index in 0..count.unwrap_or(1) {
+            let at = base + field.offset + index * size;
+            let name = count.map_or_else(|| path.clone(), |_| format!("{path}[{index}]"));
+            match structure(&field.element) {
                 Some((inside, _)) => elements(inside, at, &format!("{name}."), found),
                 None => found.push(Element {
                     field: path.clone(),
@@ -115,29 +107,6 @@ fn elements(layout: &[Field], base: usize, prefix: &str, found: &mut Vec<Element
     }
 }
 
-/// Those of a message that are compared: all behind the stamps at its beginning.
-fn compared(fields: &[Field]) -> Vec<Element> {
-    let mut all = Vec::new();
-    elements(fields, 0, "", &mut all);
-    all.retain(|element| element.bytes.start >= size_of::<Stamps>());
-    all
-}
-
-/// The first difference between the contents of two messages; stamps are not compared.
-pub(super) fn first_difference(
-    fields: &[Field],
-    expected: &[u8],
-    found: &[u8],
-) -> Option<Difference> {
-    let [old, new] = [expected, found].map(|message| message.get(size_of::<Stamps>()..));
-    if old == new {
-        return None;
-    }
-    let mut all = compared(fields).into_iter();
-    let first = all.find(|element| element.differs(expected, found))?;
-    Some(first.difference(expected, found))
-}
-
 /// Differences between two series of messages, field by field.
 pub(super) struct Differences {
     elements: Vec<Element>,
@@ -148,9 +117,13 @@ pub(super) struct Differences {
 }
 
 impl Differences {
+    /// Of all that is compared in a message: what is behind the stamps at its beginning.
     pub(super) fn new(fields: &[Field]) -> Self {
+        let mut all = Vec::new();
+        elements(fields, 0, "", &mut all);
+        all.retain(|element| element.bytes.start >= size_of::<Stamps>());
         Self {
-            elements: compared(fields),
+            elements: all,
             first: None,
             fields: BTreeMap::new(),
         }
@@ -200,7 +173,9 @@ mod tests {
 
     fn first<M: Message>(expected: &M, found: &M) -> Option<[String; 3]> {
         let [expected, found] = [expected, found].map(bytemuck::bytes_of);
-        let first = first_difference(M::FIELDS, expected, found)?;
+        let mut differences = Differences::new(M::FIELDS);
+        differences.add(0, expected, found);
+        let (_, first) = differences.first?;
         Some([first.field, first.expected, first.found])
     }
 

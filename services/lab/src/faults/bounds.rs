@@ -10,12 +10,17 @@
 //!
 //! Most faults stay far below: on `fig5-wrist-rotation` a killed process moves no joint by more than 2 mrad, and a drifting encoder by 25 mrad.
 
-use model::{JointKind, Model, Refused, Robot, with_dof};
+use model::{JointKind, Model, Refused, Robot};
 use nalgebra::SVector;
 use runtime::random;
+use shared_types::MAX_DOF;
 use shared_types::fault::{Fault, Kind};
 use shared_types::scenario::Scenario;
 use sim::{Encoders, STOP_GAIN};
+
+/// One size for every arm: no time is measured here.
+type Arm = Model<MAX_DOF>;
+type Joints = SVector<f64, MAX_DOF>;
 
 /// Age of a torque in force; ms.
 pub(super) const STALE_MS: f64 = 5.0;
@@ -51,17 +56,7 @@ pub(super) fn allowed(
     speed: &[f64],
     fault: &Fault,
 ) -> Result<[f64; 2], Refused> {
-    with_dof!(robot.dof(), N => sized::<N>(robot, scenario, speed, fault))
-        .unwrap_or_else(|| Err(Refused::size(robot)))
-}
-
-fn sized<const N: usize>(
-    robot: &Robot,
-    scenario: &Scenario,
-    speed: &[f64],
-    fault: &Fault,
-) -> Result<[f64; 2], Refused> {
-    let model = Model::<N>::new(robot, scenario.frame()).map_err(Refused::because)?;
+    let model = Model::new(robot, scenario.frame()).map_err(Refused::because)?;
     let mut most = ORDINARY;
     let mut take = |joint: usize, along: f64, hand_m: f64| {
         if robot.joints[joint].kind != JointKind::Prismatic {
@@ -89,27 +84,27 @@ fn sized<const N: usize>(
 }
 
 /// The ways of joint and end-effector while an encoder reads wrong, joint by joint.
-fn misled<const N: usize>(
-    model: &Model<N>,
+fn misled(
+    model: &Arm,
     robot: &Robot,
     scenario: &Scenario,
     speed: &[f64],
     take: &mut impl FnMut(usize, f64, f64),
 ) {
     let plant = &scenario.plant;
-    let encoders = Encoders::<N>::new(
+    let encoders = Encoders::<MAX_DOF>::new(
         robot,
         plant.encoder_bits,
         plant.encoder_noise_counts,
         scenario.seed,
     );
     let start = (SVector::repeat(f64::INFINITY), SVector::zeros());
-    let (inertia, levers): (SVector<f64, N>, SVector<f64, N>) = postures(model, robot)
+    let (inertia, levers): (Joints, Joints) = postures(model, robot)
         .fold(start, |(least, most), (_, A, levers)| {
             (least.inf(&A), most.sup(&levers))
         });
     let stop_s = 1e-3 * STALE_MS + 1.0 / STOP_GAIN;
-    let stopped_m: f64 = (0..N)
+    let stopped_m: f64 = (0..MAX_DOF)
         .map(|joint| speed[joint] * stop_s * levers[joint])
         .sum();
     for joint in 0..robot.dof() {
@@ -130,12 +125,9 @@ fn misled<const N: usize>(
 }
 
 /// Postures within the joint limits, each with the joints' inertias and the end-effector's levers on them.
-fn postures<const N: usize>(
-    model: &Model<N>,
-    robot: &Robot,
-) -> impl Iterator<Item = (SVector<f64, N>, SVector<f64, N>, SVector<f64, N>)> {
+fn postures(model: &Arm, robot: &Robot) -> impl Iterator<Item = (Joints, Joints, Joints)> {
     let at = |posture: u64, joint: usize| {
-        // Sizes between those that are compiled are filled up with joints that do not exist.
+        // The model is filled up with joints that do not exist.
         let Some(limits) = robot.joints.get(joint) else {
             return 0.0;
         };
@@ -152,14 +144,7 @@ fn postures<const N: usize>(
 }
 
 /// The way of one joint of inertia `A_jj` from a posture, in the direction in which gravity pulls it; rad or m.
-fn fall<const N: usize>(
-    model: &Model<N>,
-    from: &SVector<f64, N>,
-    joint: usize,
-    A_jj: f64,
-    speed: f64,
-    seconds: f64,
-) -> f64 {
+fn fall(model: &Arm, from: &Joints, joint: usize, A_jj: f64, speed: f64, seconds: f64) -> f64 {
     let h = seconds / f64::from(STEPS);
     let direction = if model.gravity(from)[joint] > 0.0 {
         -1.0
