@@ -1,9 +1,8 @@
 //! A file of one wide table: CSV, or Parquet with units and meaning as metadata, nulls where messages were missing.
 //!
-//! In Parquet each column's `unit` and `description` are metadata of its field, as pyarrow, pandas and arrow in any language read them, and in the
-//! file's own metadata under `armplane:columns`, a JSON object that every Parquet tool shows.
+//! In Parquet each column's `unit` and `description` are metadata of its field, as pyarrow, pandas and arrow in any language read them; those of the run
+//! are the schema's.
 
-use std::collections::{BTreeMap, HashMap};
 use std::error::Error;
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -12,10 +11,9 @@ use std::sync::Arc;
 use files::Draft;
 use parquet::arrow::ArrowWriter;
 use parquet::basic::{Compression, ZstdLevel};
-use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
 use rerun::external::arrow::array::{Array, ArrayRef, AsArray, RecordBatch};
-use rerun::external::arrow::datatypes::{DataType, Float64Type, Int64Type, Schema, SchemaRef};
+use rerun::external::arrow::datatypes::{DataType, Float64Type, Int64Type, SchemaRef};
 
 use super::{ExportError, ExportFormat};
 
@@ -43,8 +41,11 @@ impl Writer {
             writer.write_record(schema.fields().iter().map(|field| field.name()))?;
             return Ok(Self::Csv(Box::new(writer)));
         }
-        let properties = Some(parquet_properties(about(schema)));
-        let writer = ArrowWriter::try_new(file, Arc::clone(schema), properties)?;
+        let properties = WriterProperties::builder()
+            .set_compression(Compression::ZSTD(ZstdLevel::default()))
+            .set_created_by(format!("armplane {}", env!("CARGO_PKG_VERSION")))
+            .set_max_row_group_row_count(Some(GROUP));
+        let writer = ArrowWriter::try_new(file, Arc::clone(schema), Some(properties.build()))?;
         Ok(Self::Parquet(Box::new(writer)))
     }
 
@@ -124,35 +125,5 @@ fn text(column: &ArrayRef, row: usize) -> String {
         DataType::Int64 => column.as_primitive::<Int64Type>().value(row).to_string(),
         DataType::Float64 => column.as_primitive::<Float64Type>().value(row).to_string(),
         _ => column.as_string::<i32>().value(row).to_owned(),
-    }
-}
-
-/// Compressed, with these values as the file's metadata.
-fn parquet_properties(metadata: Vec<(String, String)>) -> WriterProperties {
-    let pairs = metadata.into_iter();
-    let pairs = pairs.map(|(key, value)| KeyValue::new(key, value));
-    WriterProperties::builder()
-        .set_compression(Compression::ZSTD(ZstdLevel::default()))
-        .set_created_by(format!("armplane {}", env!("CARGO_PKG_VERSION")))
-        .set_max_row_group_row_count(Some(GROUP))
-        .set_key_value_metadata(Some(pairs.collect()))
-        .build()
-}
-
-/// What the file's own metadata says of columns that have a meaning, and of the run.
-fn about(schema: &Schema) -> Vec<(String, String)> {
-    let sorted = |of: &HashMap<String, String>| -> BTreeMap<String, String> {
-        of.clone().into_iter().collect()
-    };
-    let fields = schema.fields().iter();
-    let columns = fields.map(|field| (field.name().clone(), sorted(field.metadata())));
-    let columns: BTreeMap<_, _> = columns.collect();
-    let columns = serde_json::json!(columns).to_string();
-    let run = sorted(schema.metadata()).into_iter();
-    let run = run.map(|(key, value)| (format!("armplane:{key}"), value));
-    let columns = ("armplane:columns".to_owned(), columns);
-    match schema.metadata().is_empty() {
-        true => Vec::new(),
-        false => [columns].into_iter().chain(run).collect(),
     }
 }
