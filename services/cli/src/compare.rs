@@ -5,7 +5,6 @@ use std::process::ExitCode;
 
 use clap::Args;
 use lab::studies::compare::{self, Compared, Lines, Request, SWEEP};
-use serde_json::json;
 use session::{Failure, load};
 use shared_types::scenario::Strategy;
 
@@ -46,9 +45,6 @@ pub(crate) struct CompareArgs {
     /// Seconds that a controller of others may take to load and join a run.
     #[arg(long, value_name = "SECONDS", default_value_t = 300, value_parser = clap::value_parser!(u32).range(1..=3600))]
     join_limit: u32,
-    /// Save each line of the sweep as a scenario file in this new folder, without running it.
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["race", "out"])]
-    save_lines: Option<PathBuf>,
     /// With --robot: lines through two singularities at once, --count per pair.
     #[arg(long, requires = "robot")]
     pairs: bool,
@@ -68,15 +64,10 @@ pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Fai
     if args.race {
         return race(args, as_json);
     }
-    let of_the_sweep = [
-        ("--robot ROBOT", args.robot.is_some()),
-        ("--save-lines DIR", args.save_lines.is_some()),
-    ];
-    let mut given = of_the_sweep.iter().filter(|(_, is_given)| *is_given);
-    if let Some((option, _)) = given.find(|_| args.scenarios != [SWEEP]) {
-        return Err(Failure::Input(format!(
-            "{option} needs the sweep: armplane compare sweep {option}"
-        )));
+    if args.robot.is_some() && args.scenarios != [SWEEP] {
+        return Err(Failure::input(
+            "--robot ROBOT needs the sweep: armplane compare sweep --robot ROBOT",
+        ));
     }
     let lines = Lines {
         robot: args.robot.as_deref(),
@@ -86,16 +77,6 @@ pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Fai
         pairs: args.pairs,
         speed: args.speed,
     };
-    if let Some(folder) = &args.save_lines {
-        let count = lines.save(folder, &observe)?;
-        if as_json {
-            say_json(&json!({"folder": folder, "lines": count}))?;
-        } else {
-            let (folder, lines) = (folder.display(), plural(count as u64, "line"));
-            say!("{folder}: {lines}, a scenario file each");
-        }
-        return Ok(ExitCode::SUCCESS);
-    }
     // Of an arm's lines each has a row.
     let laws = &laws[..if args.robot.is_some() { 1 } else { laws.len() }];
     let request = Request {

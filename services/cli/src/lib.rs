@@ -106,7 +106,7 @@ enum Command {
     /// Check that runs under different conditions give the same bytes.
     #[command(
         long_about = "Runs a scenario in lockstep several times, each time under other conditions: other cores and nice values, random \
-                      delays and pauses, a busy thread on every core, with and without a recording.\n\n\
+                      delays and pauses, stops, a busy thread on every core.\n\n\
                       Compares every message with a run on one thread. If a single thread cannot compute the scenario (death of the \
                       plant, recorder faults, programs of your own), it compares with the first run. It prints the first tick, topic and \
                       field that differ.",

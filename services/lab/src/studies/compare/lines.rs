@@ -4,7 +4,7 @@ use std::path::Path;
 
 use model::Robot;
 use serde::Serialize;
-use session::{Failure, Observer, Results, load};
+use session::{Failure, Observer, load};
 use shared_types::scenario::Scenario;
 
 use super::{SWEEP, name_of};
@@ -116,19 +116,6 @@ impl Lines<'_> {
         Err(Failure::Input(format!(
             "{robot} has no line through {what} within its limits"
         )))
-    }
-
-    /// Draws the lines and saves each as a scenario file in a new folder; their number.
-    ///
-    /// # Errors
-    /// As [`drawn`](Self::drawn), and where the folder exists or a file cannot be written.
-    pub fn save(&self, folder: &Path, observer: Observer<'_>) -> Result<usize, Failure> {
-        let (.., lines) = self.some(observer)?;
-        let results = Results::create(Some(folder), "lines")?;
-        for (number, line) in (1..).zip(&lines) {
-            save(&results.folder, number, &line.scenario)?;
-        }
-        Ok(lines.len())
     }
 }
 
