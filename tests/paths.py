@@ -16,7 +16,6 @@ import pathlib
 import subprocess
 import sys
 import tempfile
-import tomllib
 
 import numpy as np
 import pandas
@@ -36,9 +35,7 @@ class Arm(incidents.Arm):
     """A built-in arm in MuJoCo."""
 
     def __init__(self, name):
-        about = tomllib.loads((incidents.ROBOTS / f"{name}.toml").read_text())
-        super().__init__(incidents.ROBOTS / f"{name}.urdf", about["default_frame"])
-        self.scale = np.r_[np.full(3, about["length_m"]), np.ones(3)]
+        super().__init__(*incidents.built_in(name))
         self.lower, self.upper = self.lower.clip(-6.28), self.upper.clip(max=6.28)
 
     def lock(self, random):

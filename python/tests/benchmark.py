@@ -1,54 +1,33 @@
 """Measures the package as it is installed: `python benchmark.py [COUNT]`, COUNT singular states of each arm (10,000 by default). docs/python.md has the
-numbers.
+numbers. Needs the packages of incidents.py.
 """
 
+import functools
 import resource
 import sys
 import time
 
 import armplane
+import incidents
 import numpy as np
-from scipy.optimize import minimize_scalar
 
-HALF = np.pi / 2
-# Joints at these values make the arm singular; with a joint named after them, together with that joint at a value that depends on the others.
-SINGULAR = {
-    "puma560": [{4: 0.0}],
-    "panda": [({4: HALF}, 5), ({4: -HALF}, 5), ({1: 0.0}, 2), ({1: 0.0}, 3)],
-    "iiwa14": [{3: 0.0}, {5: 0.0, 4: HALF}, {1: 0.0, 2: HALF}, {3: 0.0, 5: 0.0}, {1: 0.0, 2: -HALF, 5: 0.0, 4: HALF}, {1: 0.0, 3: 0.0, 5: 0.0}],
-}
+
+@functools.cache
+def locks(name):
+    """A hundred random postures within the limits in which the arm is singular."""
+    arm, random, found = incidents.Arm(*incidents.built_in(name)), np.random.default_rng(3), []
+    while len(found) < 100:
+        q = arm.singular_near(incidents.draw(arm, random, np.pi, 0.05), floor=1e-6)
+        if q is not None and arm.is_inside(q, 0.0):
+            found.append(q)
+    return found
 
 
 def singular(arm, count, random):
-    """Random postures within the limits, in each of which the joints of one case of `SINGULAR` make the arm singular; (count, n), rad."""
-    q = random.uniform(np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi), (count, arm.dof))
-    cases = SINGULAR[arm.name]
-    for case, joints in enumerate(cases):
-        rows = slice(case, None, len(cases))
-        if isinstance(joints, dict):
-            for joint, value in joints.items():
-                q[rows, joint] = value
-        else:
-            # The first and the last joint make no difference to it, so a hundred postures of the others do.
-            locks = [lock for lock in (locked(arm, posture, *joints) for posture in q[rows][:200].copy()) if lock is not None][:100]
-            q[rows, 1:-1] = np.array(locks)[np.arange(len(q[rows])) % len(locks), 1:-1]
+    """Singular postures, (count, n), rad: the first and the last joint make no difference to that, and are random."""
+    q, ends = np.resize(locks(arm.name), (count, arm.dof)), [0, -1]
+    q[:, ends] = random.uniform(np.maximum(arm.lower, -np.pi)[ends], np.minimum(arm.upper, np.pi)[ends], (count, 2))
     return q
-
-
-def locked(arm, q, joints, last):
-    """The posture `q` with those joints at their values, and the joint `last` where the arm is singular; None where it nowhere is."""
-    for joint, value in joints.items():
-        q[joint] = value
-
-    def smallest(angle):
-        q[last] = angle
-        return np.linalg.svd(arm.at(q).J, compute_uv=False)[-1]
-
-    grid = np.linspace(arm.lower[last], arm.upper[last], 100)
-    place = int(np.clip(np.argmin([smallest(angle) for angle in grid]), 1, 98))
-    found = minimize_scalar(smallest, bounds=grid[[place - 1, place + 1]], method="bounded", options={"xatol": 1e-11})
-    q[last] = found.x
-    return q if found.fun < 1e-9 else None
 
 
 def step(name, count=100_000):
@@ -103,7 +82,7 @@ def laws(name, count, batch=10_000, ticks=3):
 if __name__ == "__main__":
     for name in ("ur5", "puma560", "iiwa14", "panda"):
         step(name)
-    for name in SINGULAR:
+    for name in ("puma560", "iiwa14", "panda"):
         count = int(sys.argv[1]) if len(sys.argv) > 1 else 10_000
         arms(name, count)
         laws(name, count)

@@ -13,6 +13,7 @@ import json
 import pathlib
 import sys
 import tempfile
+import tomllib
 import xml.etree.ElementTree as ElementTree
 
 import mujoco
@@ -29,10 +30,15 @@ LAWS = ("dls", "pinv clamped", "servo halt", "pinv fault", "inverse kinematics",
 STYLES = ("csv", "csv degrees", "lerobot", "mcap", "rosbag2", "rosbag2 mcap")
 
 
+def built_in(name):
+    """A built-in arm: its name, its tip, and the path of its URDF."""
+    return name, tomllib.loads((ROBOTS / f"{name}.toml").read_text())["default_frame"], ROBOTS / f"{name}.urdf"
+
+
 def arms():
     """Six arms, (name for the command, tip, path of the URDF): three that are built in, three of `example-robot-data`."""
     others = next(path for root in sys.path for path in pathlib.Path(root).glob("cmeel.prefix/share/example-robot-data/robots"))
-    rows = [(name, tip, ROBOTS / f"{name}.urdf") for name, tip in (("ur5", "tool0"), ("puma560", "ee"), ("panda", "panda_link8"))]
+    rows = [built_in(name) for name in ("ur5", "puma560", "panda")]
     for name, tip in (("kinova_description/robots/kinova", "j2s6s200_link_6"), ("z1_description/urdf/z1", "link06"), ("talos_data/robots/talos_left_arm", "arm_left_7_link")):
         rows.append((str(others / f"{name}.urdf"), tip, others / f"{name}.urdf"))
     return rows
@@ -41,8 +47,8 @@ def arms():
 class Arm:
     """An arm in MuJoCo: the chain from the root to `tip`, all other joints fixed, no contacts."""
 
-    def __init__(self, path, tip):
-        root = ElementTree.parse(path).getroot()
+    def __init__(self, name, tip, path):
+        self.name, self.tip, root = name, tip, ElementTree.parse(path).getroot()
         for link in root.iter("link"):
             for one in [*link.findall("visual"), *link.findall("collision")]:
                 link.remove(one)
@@ -507,13 +513,12 @@ def write_messages(log, arm, folder, style):
 def incident(seed, rows, folder):
     """The incident of a seed, of the arms `rows`: writes its log into a folder; returns the truth about it."""
     rng = np.random.default_rng(seed)
-    name, tip, path = rows[seed % len(rows)]
+    arm = Arm(*rows[seed % len(rows)])
     is_singular = rng.uniform() < 0.42
     cause, law = SINGULAR if is_singular else OTHERS[rng.integers(len(OTHERS))], LAWS[rng.integers(len(LAWS))]
     mode, decoy = rng.choice(["joints", "twist"]), rng.uniform() < 0.35
     decoy = decoy and not (cause == "speed limit" and mode == "twist")
     rate, style = int(rng.choice([50, 100, 125, 250, 500, 1000])), STYLES[rng.integers(len(STYLES))]
-    arm = Arm(path, tip)
     arm.dt = arm.model.opt.timestep = 0.001 if rate == 1000 else DT
     arm.gains = [(900.0, 60.0), (400.0, 40.0), (150.0, 24.0)][rng.integers(3)]
     if cause == "torque limit" and not arm.heavy or cause == "joint limit" and not (arm.upper < 50).any():
@@ -543,7 +548,7 @@ def incident(seed, rows, folder):
     folder.mkdir(parents=True, exist_ok=True)
     np.savez(folder / "truth.npz", t=log["t"], q=log["q"])
     how = law if is_singular else f"{mode}{', beside a singularity' if decoy else ''}"
-    truth = {"seed": seed, "cause": cause, "t": felt + idle * arm.dt, "arm": name, "tip": tip, "rate": rate, "style": style, "law": how}
+    truth = {"seed": seed, "cause": cause, "t": felt + idle * arm.dt, "arm": arm.name, "tip": arm.tip, "rate": rate, "style": style, "law": how}
     return {**truth, "path": str(write(log, arm, folder, rng, style))}
 
 
@@ -576,7 +581,7 @@ def main():
                 print(json.dumps({**truth, "answer": answer["cause"]}), flush=True)
             elif truth["cause"] == SINGULAR:
                 with np.load(folder / "truth.npz") as state:
-                    deg = off_deg(Arm(*rows[seed % len(rows)][:0:-1]), state["t"], state["q"], answer["evidence"][0])
+                    deg = off_deg(Arm(*rows[seed % len(rows)]), state["t"], state["q"], answer["evidence"][0])
             found.append((truth["cause"], answer["cause"], deg))
     table = pandas.DataFrame(found, columns=["true", "said", "deg"])
     others = table[table.true != SINGULAR]

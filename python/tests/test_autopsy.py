@@ -20,7 +20,7 @@ def arm(tmp_path_factory):
     path, text = tmp_path_factory.mktemp("arm") / "bare.urdf", (incidents.ROBOTS / "ur5.urdf").read_text()
     text = re.sub('effort="[^"]*" velocity="[^"]*"', 'effort="0" velocity="2"', re.sub("(?s)<inertial>.*?</inertial>", "", text))
     path.write_text(text)
-    made = incidents.Arm(path, "tool0")
+    made = incidents.Arm("bare", "tool0", path)
     made.effort[:] = [80.0, 80.0, 60.0, 15.0, 10.0, 6.0]
     return made, str(path)
 
