@@ -162,6 +162,15 @@ def _next_folder(name):
     return folder
 
 
+def read_toml(path):
+    """The tables of a TOML file. Raises ValueError where it is none."""
+    try:
+        import tomllib
+    except ImportError:
+        import tomli as tomllib
+    return tomllib.loads(path.read_text())
+
+
 def toml(value):
     """A value as TOML writes it; a text stays as it is, as with `--set`."""
     return value if isinstance(value, str) else _inner(value)

@@ -195,7 +195,7 @@ def test_tracks_and_variations_are_rows_of_their_own(tmp_path):
 
 
 def test_two_hundred_lines_of_the_test_seed_are_not_those_of_training():
-    assert sum(sum(tasks.SIZES["full"][0].values()) for _ in tasks.ARMS) == 200
+    assert sum(tasks.DATA["sizes"]["full"]["lines"].values()) * len(tasks.DATA["arms"]) == 200
     assert tasks.TRAINING != tasks.TEST
 
 

@@ -31,6 +31,7 @@ try:
     from pyarrow import parquet
 
     from . import page, picture, tasks
+    from .tasks import DATA
 except ImportError as error:
     if __name__ != "__main__":
         raise
@@ -38,19 +39,8 @@ except ImportError as error:
     sys.exit(2)
 
 BASE = page.GIVEN_CLOCK
-OWN = ("armplane", "damped-least-squares", "operational-space", "sai-handler")
-STRATEGY = {"armplane": "blended", "sai-handler": "hold-and-blend"}
-# Stanford's SAI publishes these numbers for its singularity handler, which armplane has in its own words; its scenarios have others.
-PUBLISHED = {"sai-handler": {f"control.baseline.hold_and_blend.{key}": value for key, value in (("blend", [0.006, 0.06]), ("hold_k_p", 50), ("hold_k_v", 14), ("push", 0.01), ("push_k_v", 5))}}
-# Trials of a law that is tuned; those of an opponent are in its class.
-_LEAST_SQUARES = "control.baseline.damped_least_squares"
-TRIALS = {
-    "armplane": [{}, *({"control.k_p": k_v * k_v / 4, "control.k_v": k_v} for k_v in (20, 30, 60, 80))],
-    "damped-least-squares": [{f"{_LEAST_SQUARES}.largest": largest, f"{_LEAST_SQUARES}.onset": onset} for largest in (0.005, 0.02, 0.08) for onset in (0.02, 0.16)],
-}
 # The end of the name of a law's tuned row.
 TUNED = " tuned"
-PACKAGES = ("daqp", "drake", "jparse-robotics", "mink", "mujoco", "numpy", "pin", "pin-pink", "placo", "robosuite")
 # Longest run of a law on a task, and longest time in which an opponent loads and joins it (--join-limit); s.
 LONGEST, MOST_TRIALS = {"run": 1800, "join": 120}, 6
 # The graph of a run under an opponent: compilers and large packages are at work before its first answer.
@@ -65,17 +55,15 @@ reads = ["estimate", "singularity"]
 writes = ["control_state", "torque"]
 """
 HOST = "from armplane.arena.host import main; main()"
-# What is varied, one at a time: arguments beside those of the table; delay: ticks by which each estimate is late.
-DELAY = 2
-VARIED = {
-    "payload +10 %": ("--set", "plant.mass_factor=1.1"),
-    "payload -10 %": ("--set", "plant.mass_factor=0.9"),
-    "noise x 4": ("--set", "plant.encoder_noise_counts=2.0"),
-    # After the first ten ticks: a drive that has never had a torque stops the arm at once.
-    f"delay {DELAY} ticks": ("--set", f'fault=[{{ at_tick = 10, kind = "delay", process = "estimator", delay_ticks = {DELAY}, for_s = 1000.0 }}]'),
-}
+# The ticks by which an estimate is late in the row that has its name.
+LATE = "delay 2 ticks"
 # Columns that differ from one time to the next, or say nothing of the arm.
 CLOCK = {"key", "median_us", "p99_us", "first_ms", "reason"}
+
+
+def sets(settings):
+    """The arguments of a run with these settings."""
+    return [part for key, value in settings.items() for part in ("--set", f"{key}={toml(value)}")]
 
 
 @dataclass
@@ -100,7 +88,7 @@ class Entry:
 
     def options(self):
         """Arguments and environment of its runs in processes."""
-        arguments = [part for key, value in self.settings.items() for part in ("--set", f"{key}={toml(value)}")] if self.own else []
+        arguments = sets(self.settings) if self.own else []
         return arguments, {"ARMPLANE_ARENA": "" if self.own else json.dumps(self.settings, sort_keys=True)}
 
     def graph(self, folder):
@@ -113,7 +101,7 @@ class Entry:
 def entries(names):
     """The requested rows (`NAME` or `NAME=FILE.py`, each with `:key=value` for another number), and the reason for each one left out."""
     found, skipped, known = [], {}, {path.stem: path for path in OPPONENTS}
-    for text in names or [*OWN, *known]:
+    for text in names or [*DATA["own"], *known]:
         head, *pairs = text.split(":")
         settings = {key: _value(value) for key, _, value in (pair.partition("=") for pair in pairs)}
         name, _, file = head.partition("=")
@@ -126,10 +114,10 @@ def entries(names):
                 skipped[text] = reason
             else:
                 found.append(Entry(":".join([name, *pairs]), str(file), False, about, settings))
-        elif (strategy := STRATEGY.get(name, name)) in armplane.laws(all=True):
-            found.append(Entry(text, strategy, True, settings={**PUBLISHED.get(name, {}), **settings}))
+        elif (strategy := DATA["strategy"].get(name, name)) in armplane.laws(all=True):
+            found.append(Entry(text, strategy, True, settings={**DATA["published"].get(name, {}), **settings}))
         else:
-            refuse(f"there is no law {name}: give NAME=FILE.py for a file of yours, or one of {', '.join([*OWN, *known, *armplane.laws()])}")
+            refuse(f"there is no law {name}: give NAME=FILE.py for a file of yours, or one of {', '.join([*DATA['own'], *known, *armplane.laws()])}")
     names = [entry.name for entry in found]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice:
@@ -182,7 +170,7 @@ class End(threading.Thread):
 def tuned(found, table, folder, jobs):
     """For each law with trials, a row with the best of them on the training lines: by S1 with clean torque, S1, S2, then the error orthogonal to ζ."""
     todo, _ = tasks.make(folder / "training", "short", tasks.TRAINING, tasks.TRAINED)
-    trials = lambda entry: TRIALS.get(entry.name, []) if entry.own else entry.about["trials"]
+    trials = lambda entry: DATA["trials"].get(entry.name, []) if entry.own else entry.about["trials"]
     entries = [(entry, entry.with_settings(f"{entry.name} {json.dumps(one)}", **one)) for entry in found if ":" not in entry.name for one in trials(entry)]
     if not entries:
         return []
@@ -245,10 +233,10 @@ CHILDREN = Children()
 def run(entry, task, condition, more=()):
     """The row of one law on one task under a condition, with `more` arguments of `armplane run`. Laws of armplane run in this process."""
     row = {"law": entry.name, "task": task.name, "group": task.group, "condition": condition, "task_hash": task.hash}
-    more = [*more, *VARIED.get(condition, ())]
+    more = [*more, *sets(DATA["varied"].get(condition, {}))]
     with tempfile.TemporaryDirectory() as folder:
         found = tried(entry, task, more) if entry.own and "--plant" not in more else one_run(entry, task.copied(folder), folder, more)
-        if condition.startswith("delay"):
+        if condition == LATE:
             found = after_delay(found)
         found.update(stated_cost(pathlib.Path(folder) / "cost"))
         if entry.own and task.is_varied and condition == BASE:
@@ -314,7 +302,7 @@ def one_run(entry, scenario, folder, more, record=False):
 
 def after_delay(row):
     """The row without the ticks in which the delay begins: the drive holds the last torque, which counts as a stop."""
-    if "joint stop" in row.get("missed", "") and row["stopped_ticks"] <= DELAY:
+    if "joint stop" in row.get("missed", "") and row["stopped_ticks"] <= DATA["varied"][LATE]["fault"][0]["delay_ticks"]:
         missed = [one for one in row["missed"].split(", ") if one != "joint stop"]
         row["missed"], row["s2"] = ", ".join(missed), not missed
         from .._armplane import orthogonal_bar_deg
@@ -379,7 +367,7 @@ def identity():
 def versions():
     """The installed packages of others, with their versions."""
     found = {}
-    for name in PACKAGES:
+    for name in DATA["packages"]:
         try:
             found[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
@@ -489,7 +477,7 @@ def arguments():
     parser = argparse.ArgumentParser("armplane arena", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, epilog=tasks.__doc__)
     add = parser.add_argument
     add("--law", action="append", metavar="NAME[=FILE.py][:KEY=VALUE]", help="a law of armplane, an opponent, or a file of yours; repeatable [default: all that are installed]")
-    add("--size", choices=tuple(tasks.SIZES), default="short", help="how many tasks [default: short]")
+    add("--size", choices=tuple(DATA["sizes"]), default="short", help="how many tasks [default: short]")
     add("--robot", action="append", help="only lines of these arms; repeatable")
     add("--lines", type=positive, default=sys.maxsize, metavar="N", help="at most N lines of each kind an arm")
     add("--seed", type=int, default=tasks.TEST, help=f"seed of the lines [default: {tasks.TEST}; tune on {tasks.TRAINING}]")
@@ -499,7 +487,7 @@ def arguments():
     add("--jobs", type=positive, default=os.cpu_count(), help="runs at once [default: a core each]")
     add("--join-limit", type=positive, default=LONGEST["join"], metavar="SECONDS", help=f"longest time in which an opponent loads and joins a run [default: {LONGEST['join']}]")
     add("--tracks", action="store_true", help="add the tracks: each opponent's own clock, which slows where a limit demands it, and the paper's tasks without hints")
-    add("--varied", action="store_true", help=f"add payload +-10 %%, encoder noise x 4, and estimates {DELAY} ticks late, on the first lines of each arm")
+    add("--varied", action="store_true", help="add payload +-10 %%, encoder noise x 4, and estimates two ticks late, on the first lines of each arm")
     add("--tune", action="store_true", help="add a row of each law tuned: the best of at most six settings on lines of another seed")
     add("--again", type=int, default=0, metavar="N", help="then run N tasks of each law a second time, and compare every torque")
     add("--check", metavar="FILE", help="compute the hash of an arena.parquet, and compare it with the one that it states")
@@ -532,7 +520,7 @@ def conditions(asked, found, todo, folder):
         cells += [(entry, task, page.NO_HINTS) for task in tasks.unhinted(folder / "tasks", todo, _armplane) for entry in found]
     if asked.varied:
         own = [entry for entry in found if not entry.name.endswith(TUNED)]
-        cells += [(entry, task, condition) for task in todo if task.is_varied for condition in VARIED for entry in own]
+        cells += [(entry, task, condition) for task in todo if task.is_varied for condition in DATA["varied"] for entry in own]
     return cells
 
 

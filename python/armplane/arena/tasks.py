@@ -16,12 +16,12 @@ import tempfile
 
 import armplane
 
-# Arms, and how many singularities lines are drawn for.
-ARMS = {"puma560": 3, "ur5": 3, "iiwa14": 3, "panda": 3, "robosuite:ur5e": 3, "robosuite:jaco": 1, "robosuite:sawyer": 1, "robosuite:kinova3": 1}
+from ..results import read_toml
+
 # Lines of the table, and lines on which numbers may be tuned.
 TEST, TRAINING, TRAINED = 1, 101, ("puma560", "ur5")
-# `branch` and `reorient` in these scenarios say which posture to take: hints that no other law reads.
-PAPER = ("fig4-elbow-and-wrist", "fig5-wrist-rotation", "elbow-in-and-out", "overhead-pass", "straight-up", "wrist-near-miss", "ur5-wrist", "ur5-elbow", "iiwa-elbow")
+# Laws, arms, kinds of lines and sizes of tables.
+DATA = read_toml(pathlib.Path(__file__).with_name("arena.toml"))
 # Starts and ways of others, as scenarios. J-PARSE: its line over the base axis (0.5 m at 0.05 Hz) and its key points about that axis; MoveIt Servo: 0.1 m along x
 # from the posture of its test of a halt; isaac-sim/IsaacLab#7063: a UR10 from its posture at rest, in wrist lock, to each goal of run_osc.py, without its wall,
 # the hand not turned, and turned by 180° about z, because this base's x axis points backwards. open-planning/roboplan#239, example_singularity.py: the hand goes
@@ -29,23 +29,6 @@ PAPER = ("fig4-elbow-and-wrist", "fig5-wrist-rotation", "elbow-in-and-out", "ove
 PUBLISHED = {path.stem: path for path in sorted((pathlib.Path(__file__).parent / "published").glob("*.toml"))}
 # Peak speed at which lines are drawn, m/s.
 DRAWN = 0.28
-# Of each kind of line: peak speed; the numbers within four (of one singularity) that it takes; whether two singularities hold at once; by how much the start is
-# moved, rad.
-KINDS = {
-    "usual": (0.28, (0, 2), False, 0.0),
-    "slow": (0.056, (0, 2), False, 0.0),
-    "fast": (0.84, (0, 2), False, 0.0),
-    "start": (0.28, (1,), False, 0.0),
-    "end": (0.28, (3,), False, 0.0),
-    "near": (0.28, (0, 2), False, 0.05),
-    "double": (0.28, (0, 1, 2, 3), True, 0.0),
-}
-# Of each size: lines an arm of each kind, the arms, and the scenarios beside them.
-SIZES = {
-    "short": ({"usual": 3}, tuple(ARMS)[:4], PAPER[1:2]),
-    "main": ({"usual": 3, "near": 3, "fast": 3, "double": 3}, tuple(ARMS)[:4], (*PAPER, *PUBLISHED)),
-    "full": ({"usual": 5, "slow": 3, "fast": 5, "start": 3, "end": 3, "near": 3, "double": 3}, tuple(ARMS), (*PAPER, *PUBLISHED)),
-}
 # Lines an arm on which payload, noise and delay are varied: the first of the usual ones.
 VARIED = 3
 
@@ -71,17 +54,16 @@ def make(folder, size="short", seed=TEST, arms=None, most=math.inf):
     """The tasks of a size as files in `folder`, `most` lines of a kind and arm, and the arms left out; only the lines of another seed than that of the table."""
     folder = pathlib.Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    kinds, known, scenarios = SIZES[size]
-    tasks = []
-    for name in scenarios if seed == TEST else ():
-        tasks.append(Task(name, "paper", name, name) if name in PAPER else _task(folder, name, "published", "", PUBLISHED[name].read_text()))
+    asked, tasks = DATA["sizes"][size], []
+    for name in asked.get("scenarios", [*DATA["paper"], *PUBLISHED]) if seed == TEST else ():
+        tasks.append(Task(name, "paper", name, name) if name in DATA["paper"] else _task(folder, name, "published", "", PUBLISHED[name].read_text()))
     skipped = {}
-    for arm in arms or known:
+    for arm in arms or [*DATA["arms"]][: asked["arms"]]:
         file = _file(arm)
         if file is None:
             skipped[arm] = "the package robosuite is missing"
         else:
-            tasks += [task for kind in _lines(folder, arm, file, kinds, seed) for task in kind[: min(most, len(kind))]]
+            tasks += [task for kind in _lines(folder, arm, file, asked["lines"], seed) for task in kind[: min(most, len(kind))]]
     return tasks, skipped
 
 
@@ -119,7 +101,7 @@ def _file(arm):
 
 def _lines(folder, arm, file, kinds, seed):
     """The lines of an arm, kind by kind."""
-    short, found = arm.rpartition(":")[2], ARMS.get(arm, 1)
+    short, found = arm.rpartition(":")[2], DATA["arms"].get(arm, 1)
     # Twelve lines through one singularity each, four of a kind of place; of a short table the first of each singularity.
     is_short = set(kinds) <= {"usual", "near", "fast", "double"} and max(kinds.values()) <= found
     count = 1 if is_short else math.ceil(12 / found)
@@ -128,7 +110,7 @@ def _lines(folder, arm, file, kinds, seed):
     double = _drawn(folder / f"{short}-pairs-{seed}", file, 1 if found > 2 else 3, seed, True) if "double" in kinds else []
     out = []
     for kind, wanted in kinds.items():
-        speed, numbers, pairs, off = KINDS[kind]
+        speed, numbers, pairs, off = (DATA["kinds"][kind][key] for key in ("speed", "numbers", "pairs", "off"))
         if kind == "near":
             wanted += max(kinds.get("double", 0) - len(double), 0)
         fitting = double if pairs else [path for number, path in enumerate(single) if number // of % 4 in numbers]

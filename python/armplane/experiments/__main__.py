@@ -7,6 +7,8 @@ import sys
 
 import armplane
 
+from ..results import read_toml
+
 LACK = "pip install 'armplane[experiments]' (docs/sweeps.md)"
 
 
@@ -119,15 +121,11 @@ def read_file(path):
     """The name of a sweep's file (docs/sweeps.md), and the arguments of `sweep` that it states."""
     from . import Range
 
-    try:
-        import tomllib
-    except ImportError:
-        import tomli as tomllib
     if not path.is_file():
         raise ValueError(f"{path} is not a file: give the file of a sweep")
     try:
-        spec = tomllib.loads(path.read_text())
-    except tomllib.TOMLDecodeError as error:
+        spec = read_toml(path)
+    except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
     _only(path, "", spec, {"name", "scenario", "set", "key", "sample"}, {"name", "scenario", "key"})
     beside = path.parent / spec["scenario"]
