@@ -60,9 +60,9 @@ def nan(log, m):
     for role, stream in log.streams.items():
         broken = ~np.isfinite(stream.x.reshape(len(stream.x), -1)).all(axis=1)
         if broken.any() and not broken.all():
-            t = float(stream.t[np.argmax(broken)])
-            words = f"{stream.name} is NaN or infinite from {t:.3f} s on, in {int(broken.sum())} of {len(broken)} rows"
-            found.append(Evidence("NaN", t, 0.97, words, {"role": role, "rows": int(broken.sum())}))
+            t = stream.t[np.argmax(broken)]
+            words = f"{stream.name} is NaN or infinite from {t:.3f} s on, in {broken.sum()} of {len(broken)} rows"
+            found.append(Evidence("NaN", t, 0.97, words, {"role": role, "rows": broken.sum()}))
     return min(found, key=lambda one: one.t, default=None)
 
 
@@ -72,16 +72,16 @@ def gap(log, m):
     for role, stream in log.streams.items():
         steps = np.diff(stream.t)
         if (steps < -1e-3).any():
-            k = int(np.argmax(steps < -1e-3))
-            return Evidence(GAP, float(stream.t[k]), 0.8, f"the stamps of {stream.name} run back by {-steps[k]:.3f} s", {"seconds": float(steps[k])})
+            k = np.argmax(steps < -1e-3)
+            return Evidence(GAP, stream.t[k], 0.8, f"the stamps of {stream.name} run back by {-steps[k]:.3f} s", {"seconds": steps[k]})
         if len(steps) < 20 or not (steps > 0).any():
             continue
-        usual, k = np.median(steps[steps > 0]), int(np.argmax(steps))
+        usual, k = np.median(steps[steps > 0]), np.argmax(steps)
         late = steps > max(4.5 * usual, usual + 0.04)
         # A stream that comes now and then has no gaps.
         if late.any() and late.mean() <= 0.02 and np.quantile(steps, 0.9) <= 3 * usual:
             words = f"{'the log' if role == 'q' else stream.name} has no message for {steps[k]:.3f} s ({steps[k] / usual:.0f} periods)"
-            found.append(Evidence(GAP, float(stream.t[k]), 0.92, words, {"seconds": float(steps[k]), "until": float(stream.t[k + 1]), "role": role}))
+            found.append(Evidence(GAP, stream.t[k], 0.92, words, {"seconds": steps[k], "until": stream.t[k + 1], "role": role}))
     return max(found, key=lambda one: one.data["seconds"], default=None) or _stale(m)
 
 
@@ -94,7 +94,7 @@ def _stale(m):
         moved = np.abs(m.vc[max(a - 3 - m.reach, 0)]).max() > 0.05 and b < len(m.t) - 2 and np.abs(m.qc[b] - m.qc[b - 1]).max() > 0.01
         if b - a >= 5 and m.t[b - 1] - m.t[a] > 0.06 and moved:
             words = f"the command stood still for {m.t[b] - m.t[a]:.3f} s and then went on elsewhere"
-            return Evidence(GAP, float(m.t[a]), 0.85, words, {"seconds": float(m.t[b] - m.t[a]), "until": float(m.t[b])})
+            return Evidence(GAP, m.t[a], 0.85, words, {"seconds": m.t[b] - m.t[a], "until": m.t[b]})
     return None
 
 
@@ -111,13 +111,13 @@ def command_jump(log, m):
         # The part of a step beyond the mean of the ones around it; a gap's step may be as long as the gap.
         around = (np.r_[step[:1], step[:-1]] + np.r_[step[1:], step[-1:]]) / 2
         odd = np.abs(step - around).max(axis=1) - 1.5 * np.abs(around).max(axis=1) * np.maximum(dt / np.median(dt) - 1, 0)
-        k = int(np.argmax(odd))
+        k = np.argmax(odd)
         fourth = np.sort(odd[max(0, k - 12) : k + 13])[-4]
         if odd[k] < max(floor, 4 * fourth) or dt[k] > 4 * np.median(dt) or is_joints and _keeps_hand(m, x[k], x[k + 1]):
             continue
-        j = int(np.argmax(np.abs(step[k])))
+        j = np.argmax(np.abs(step[k]))
         part = f"{m.robot.joints[j]} by {np.degrees(step[k][j]):.1f}°" if is_joints else f"the pose by {1000 * np.linalg.norm(step[k]):.0f} mm"
-        return Evidence(JUMP, float(t[k + 1]), 0.95, f"the command moves {part} from one message to the next", {"role": role, "step": float(np.abs(step[k]).max())})
+        return Evidence(JUMP, t[k + 1], 0.95, f"the command moves {part} from one message to the next", {"role": role, "step": np.abs(step[k]).max()})
     return None
 
 
@@ -147,7 +147,7 @@ def joint_limit(log, m):
         if (a >= 5 or b <= 0.9 * len(m.t)) and (pushed or came):
             at = f"{np.degrees(limit[k]):.1f}°" if r.turns[j] else f"{1000 * limit[k]:.0f} mm"
             words = f"{r.joints[j]} is at its limit of {at} from {m.t[a]:.3f} s on" + (", and told to go on" if pushed else "")
-            return Evidence("joint limit", float(m.t[a]), 0.9 if pushed else 0.84, words, {"joint": r.joints[j], "limit": float(limit[k])})
+            return Evidence("joint limit", m.t[a], 0.9 if pushed else 0.84, words, {"joint": r.joints[j], "limit": limit[k]})
     return None
 
 
@@ -161,9 +161,9 @@ def speed_limit(log, m):
         t = m.t_k[some]
         hit = long_run((needed.max(axis=1) > 1.1) & (m.sigma[some] > 0.45 * m.usual), t, 0.03)
         if hit and (found is None or t[hit[0]] < found.t):
-            j = int(np.argmax(needed[hit[0]]))
+            j = np.argmax(needed[hit[0]])
             text = f"the hand was asked to move so fast that {m.robot.joints[j]} would need {needed[slice(*hit), j].max():.1f} times its largest speed"
-            return Evidence("speed limit", float(t[hit[0]]), 0.77, text, {"joint": m.robot.joints[j], "flips": 0})
+            return Evidence("speed limit", t[hit[0]], 0.77, text, {"joint": m.robot.joints[j], "flips": 0})
     return found
 
 
@@ -179,10 +179,10 @@ def _saturation(m, cause, x, limits, share, weight, unit, command=None):
         return None
     (a, b, j), word = min(found)
     second = x[a : a + max(3, int(1 / m.dt)), j]
-    flips = int(np.count_nonzero(np.diff(np.sign(second[np.abs(second) > share * limits[j]]))))
-    seconds = float(m.t[b - 1] - m.t[a])
+    flips = np.count_nonzero(np.diff(np.sign(second[np.abs(second) > share * limits[j]])))
+    seconds = m.t[b - 1] - m.t[a]
     words = f"{m.robot.joints[j]} {word} its limit of {limits[j]:.3g} {unit} from {m.t[a]:.3f} s on, for {seconds:.2f} s"
-    return Evidence(cause, float(m.t[a]), weight, words, {"joint": m.robot.joints[j], "limit": float(limits[j]), "flips": flips, "seconds": seconds})
+    return Evidence(cause, m.t[a], weight, words, {"joint": m.robot.joints[j], "limit": limits[j], "flips": flips, "seconds": seconds})
 
 
 def oscillation(log, m):
@@ -200,13 +200,13 @@ def oscillation(log, m):
     least = np.maximum(np.maximum(0.05, 5 * np.quantile(power, 0.2, axis=0)), 0.12 * np.quantile(size, 0.9, axis=0))
     swings = (power > least) & (power > (0.15 + 3 * jitter) * smooth(size, width)) & (crossings >= 5)
     for a, b, j in long_runs(swings, m.t, 0.2):
-        k, middle = a + int(np.argmax(power[a:b, j])), (a + b) // 2
+        k, middle = a + np.argmax(power[a:b, j]), (a + b) // 2
         # An oscillation that rings down after a stop or a blow is no cause.
         if power[middle:b, j].mean() >= 0.6 * power[a:middle, j].mean():
             # The window begins to see it up to half a width before its middle.
-            t, hertz = float(m.t[min(a + width // 4, len(m.t) - 1) if a else 0]), float(crossings[k, j] / 2 / (width * m.dt))
+            t, hertz = m.t[min(a + width // 4, len(m.t) - 1) if a else 0], crossings[k, j] / 2 / (width * m.dt)
             words = f"{m.robot.joints[j]} swings at {hertz:.1f} Hz with up to {size[max(0, k - width) : k + width, j].max():.2f} rad/s"
-            found.append(Evidence("oscillation", t, 0.76, words, {"joint": m.robot.joints[j], "hertz": hertz, "speed": float(power[k, j])}))
+            found.append(Evidence("oscillation", t, 0.76, words, {"joint": m.robot.joints[j], "hertz": hertz, "speed": power[k, j]}))
     return max(found, key=lambda one: one.data["speed"], default=None)
 
 
@@ -263,9 +263,9 @@ def _along(m, S, by):
     if not hit:
         return None
     # The lost direction of the incident's beginning; later, the arm may have gone on to another posture.
-    a, b = hit if hit == halt else (hit[0], max(hit[0] + 1, min(hit[1], int(np.searchsorted(t, t[hit[0]] + 0.4)) + 1)))
+    a, b = hit if hit == halt else (hit[0], max(hit[0] + 1, min(hit[1], np.searchsorted(t, t[hit[0]] + 0.4) + 1)))
     one = _evidence(m, a, b, weight - 0.03 * (by == "steady motion before"), share[a:b].max(), need[a:b].max(), limit, by)
-    one.data["until"] = float(t[hit[1] - 1])
+    one.data["until"] = t[hit[1] - 1]
     return one
 
 
@@ -296,18 +296,18 @@ def _amplified(m):
     joint, share = norm(v), np.abs(np.sum(m.null * v, axis=1)) / np.maximum(norm(v), 1e-9)
     grown = (growth(joint) > 2.2) & (growth(norm(V)) < 1.4) & (joint > 0.5 * joint.max()) & (back > 0)
     hit = long_run(grown & (m.sigma < 0.4 * m.usual) & (share > 0.75), t, 0.0)
-    return _evidence(m, *hit, 0.82, None, float(joint[slice(*hit)].max()), _null_speed(m, np.inf), "joint motion") if hit else None
+    return _evidence(m, *hit, 0.82, None, joint[slice(*hit)].max(), _null_speed(m, np.inf), "joint motion") if hit else None
 
 
 def _evidence(m, a, b, weight, share, need, limits, by):
     """The evidence of rows `a` to `b`, with the singularity where σ is smallest: its name, type and ζ are those of the analysis that all of armplane uses."""
-    k = a + int(np.argmin(m.sigma[a:b]))
-    q, limit, condition = m.q[m.rows[k]], float(limits[k]), float(min(np.linalg.cond(m.J[k]), 1e6))
+    k = a + np.argmin(m.sigma[a:b])
+    q, limit, condition = m.q[m.rows[k]], limits[k], min(np.linalg.cond(m.J[k]), 1e6)
     name, kind, zeta, measure = nearest(m, q)
     data = {
-        "name": name, "type": kind, "zeta": zeta.tolist(), "measure": measure, "sigma": float(m.sigma[k]), "condition": condition,
-        "share": None if share is None else float(share), "needed": float(min(need, 1e6)), "limit": limit if np.isfinite(limit) else None, "by": by,
-        "q": q.tolist(), "t_nearest": float(m.t_k[k]),
+        "name": name, "type": kind, "zeta": zeta, "measure": measure, "sigma": m.sigma[k], "condition": condition,
+        "share": share, "needed": min(need, 1e6), "limit": limit if np.isfinite(limit) else None, "by": by,
+        "q": q, "t_nearest": m.t_k[k],
     }  # fmt: skip
     half, way = (zeta[3:], "rotation about") if np.linalg.norm(zeta[:3]) < 0.5 else (zeta[:3], "translation along")
     fast = f", which needs {min(need, 999):.1f} rad/s" + (f" of {limit:.1f} there are" if np.isfinite(limit) else "")
@@ -315,7 +315,7 @@ def _evidence(m, a, b, weight, share, need, limits, by):
     asked = "the joints' speed grew while the hand's did not" if share is None else f"{share:.0%} of the motion asked for was along it{fast}"
     where = f"its {name} singularity ({kind}, s = {measure:.3f}" if name != "unnamed" else f"a singularity ({m.sigma[k] / m.usual:.0%} of the usual smallest singular value"
     words = f"the arm is near {where}, condition number {condition:.0f}); lost is the {way} ({' '.join(f'{x:+.2f}' for x in half)}), and {asked}"
-    return Evidence("singularity", float(m.t_k[a]), weight, words, data)
+    return Evidence("singularity", m.t_k[a], weight, words, data)
 
 
 def nearest(m, q):
@@ -345,7 +345,7 @@ def nearest(m, q):
         turns, one = False, None
     zeta = np.r_[none, one.direction[3:] if one else moment] if turns or size < 0.05 else np.r_[force, none]
     name, kind, measure = (one.name, one.type, here[one.name].measure) if one else ("unnamed", "unknown", float("nan"))
-    return name, kind, zeta / np.linalg.norm(zeta), float(measure)
+    return name, kind, zeta / np.linalg.norm(zeta), measure
 
 
 # --- what happened ---
@@ -363,11 +363,11 @@ def stops(m):
         inside = asked[(m.rows >= a) & (m.rows < b)]
         goes_on = len(inside) and np.median(inside) > 0.15 * np.quantile(asked, 0.9) or off[a:b].max() > 0.03 + 2 * np.quantile(off, 0.25)
         # The stop began where the arm last had most of its speed.
-        start, before = max(0, a - 1 - int(np.argmax(speed[a - 1 :: -1] > 0.5 * peak))), speed[a - back : a].max()
+        start, before = max(0, a - 1 - np.argmax(speed[a - 1 :: -1] > 0.5 * peak)), speed[a - back : a].max()
         seconds = m.t[a - 1] - m.t[start]
         if goes_on or before > 0.5 * peak and seconds < 0.1:
             words = "while the command went on" if goes_on else f"from {before:.2f} rad/s within {seconds * 1000:.0f} ms"
-            yield Effect("stopped", float(m.t[start]), f"it came to rest at {m.t[a]:.2f} s {words}")
+            yield Effect("stopped", m.t[start], f"it came to rest at {m.t[a]:.2f} s {words}")
             return
 
 
@@ -380,16 +380,16 @@ def strays(m):
         excess = (off - 3 * delay * fast - 0.05 - 3 * np.quantile(off, 0.2)).max(axis=1)
         if hit := long_run(excess > 0, m.t, 0.04):
             k, j = np.unravel_index(np.argmax(off[slice(*hit)]), off[slice(*hit)].shape)
-            yield Effect("strayed", float(m.t[hit[0]]), f"{m.robot.joints[j]} was up to {np.degrees(off[hit[0] + k, j]):.1f}° from its command")
+            yield Effect("strayed", m.t[hit[0]], f"{m.robot.joints[j]} was up to {np.degrees(off[hit[0] + k, j]):.1f}° from its command")
     if m.asked_by in ("twist", "pose"):
         size, k = norm(m.S), np.arange(len(m.rows))
         # The hand may follow by up to 0.15 s later.
         late = [np.maximum(k - int(n * 0.05 / m.period), 0) for n in range(4)]
         off = np.min([norm(m.S[before] - m.W) for before in late], axis=0)
         if hit := long_run((off > 0.45 * size) & (size > 0.3 * np.quantile(size, 0.9)), m.t_k, 0.08):
-            linear, angular = np.split((m.asked - m.V)[hit[0] + int(np.argmax(off[slice(*hit)]))], 2)
+            linear, angular = np.split((m.asked - m.V)[hit[0] + np.argmax(off[slice(*hit)])], 2)
             words = f"{1000 * np.linalg.norm(linear):.0f} mm/s and {np.degrees(np.linalg.norm(angular)):.0f}°/s off what was asked"
-            yield Effect("strayed", float(m.t_k[hit[0]]), f"the hand moved up to {words}")
+            yield Effect("strayed", m.t_k[hit[0]], f"the hand moved up to {words}")
 
 
 def jumps(m):
@@ -399,8 +399,8 @@ def jumps(m):
     odd = change / np.where(np.isfinite(m.robot.velocity), m.robot.velocity, np.maximum(2.0, 2 * np.quantile(np.abs(m.v), 0.95, axis=0)))
     k, j = np.unravel_index(np.argmax(odd), odd.shape)
     if odd[k, j] > max(0.3, 6 * np.quantile(odd[:, j], 0.8)):
-        first = int(np.argmax(odd[:, j] > 0.6 * odd[k, j]))
-        yield Effect("jumped", float(m.t[first]), f"{m.robot.joints[j]} changed its speed by {change[k, j]:.2f} rad/s within {2 * reach * m.dt * 1000:.0f} ms")
+        first = np.argmax(odd[:, j] > 0.6 * odd[k, j])
+        yield Effect("jumped", m.t[first], f"{m.robot.joints[j]} changed its speed by {change[k, j]:.2f} rad/s within {2 * reach * m.dt * 1000:.0f} ms")
 
 
 # --- the likeliest cause ---

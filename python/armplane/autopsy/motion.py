@@ -41,7 +41,7 @@ def norm(x):
 
 def alike(x, y):
     """The median over rows of the cosine between two vectors."""
-    return float(np.median(np.sum(x * y, axis=1) / np.maximum(norm(x) * norm(y), 1e-9)))
+    return np.median(np.sum(x * y, axis=1) / np.maximum(norm(x) * norm(y), 1e-9))
 
 
 def turned(R, V):
@@ -58,7 +58,7 @@ class Motion:
         self.log, self.robot, self.notes, self.fits, self._final = log, robot, [], True, final
         self.t, self.q = log["q"].t, filled(log["q"].x)
         steps = np.diff(self.t)
-        self.dt = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1e-3
+        self.dt = np.median(steps[steps > 0]) if (steps > 0).any() else 1e-3
         self.reach = max(1, round(0.008 / self.dt))
         v = self._held("qdot")
         self.v = slope(self.t, self.q, self.reach) if v is None else smooth(v, self.reach)
@@ -91,7 +91,7 @@ class Motion:
         r = self.robot
         beyond = np.mean((self.q < r.lower - 0.1) | (self.q > r.upper + 0.1), axis=0)
         if beyond.max() > 0.3:
-            j = int(np.argmax(beyond))
+            j = np.argmax(beyond)
             self.fits = beyond.max() < 0.9
             self.notes.append(f"{r.joints[j]} is beyond its limits in {beyond[j]:.0%} of the log: another robot, another order of joints, or an offset?")
 
@@ -100,9 +100,9 @@ class Motion:
         self.pose, self.J = r.move(self.q[rows])
         self.u, self.sigma, self.null = r.decompose(self.J)
         sample = np.random.default_rng(0).uniform(np.maximum(r.lower, -np.pi), np.minimum(r.upper, np.pi), (400, r.dof))
-        self.usual = float(np.median(r.decompose(r.move(sample)[1])[1]))
+        self.usual = np.median(r.decompose(r.move(sample)[1])[1])
         self.t_k, self.v_k = self.t[rows], self.v[rows]
-        self.period = float(np.median(np.diff(self.t_k)))
+        self.period = np.median(np.diff(self.t_k))
         self.V = np.einsum("kij,kj->ki", self.J, self.v_k)
         self.W = self.V * r.scale
         self.asked, self.asked_by = None, ""
@@ -209,7 +209,7 @@ class Motion:
             unknown = np.concatenate([Z @ pose[:, :3, :3], np.tile(np.eye(3), (len(q), 1, 1))], axis=2).reshape(-1, 6)
             missing = (p - pose[:, :3, 3] @ Z.T).ravel()
             left = missing - unknown @ np.linalg.lstsq(unknown, missing, rcond=1e-6)[0]
-            best = min(best, float(np.median(norm(left.reshape(-1, 3)))))
+            best = min(best, np.median(norm(left.reshape(-1, 3))))
         return best
 
 

@@ -23,7 +23,7 @@ class Robot:
         self.notes = [f"The robot's file lacks some {' and '.join(lacked)}; those joints are judged without them."] if lacked else []
         zero = np.zeros((1, self.dof))
         self.turns = np.linalg.norm(self.move(zero)[1][0, 3:], axis=0) > 0.5
-        self.length = float(arm.step_many(zero)["length_m"][0])
+        self.length = arm.step_many(zero)["length_m"][0]
         self.scale = np.r_[np.full(3, 1 / self.length), np.ones(3)]
 
     def move(self, q):

@@ -36,8 +36,10 @@ def figures(out, settings=None):
     numbers["fig3"] = three_locks(folder / "fig3", {"elbow": elbow, "wrist": fig5, "overhead": overhead})
     numbers["fig4"] = two_locks(folder / "fig4", fig4)
     numbers["fig5"] = wrist_lock(folder / "fig5", fig5)
-    (folder / "figures.json").write_text(json.dumps(numbers, indent=1) + "\n")
-    return numbers
+    # Without the numbers and arrays of numpy.
+    text = json.dumps(numbers, indent=1, default=lambda value: value.tolist())
+    (folder / "figures.json").write_text(f"{text}\n")
+    return json.loads(text)
 
 
 class Recorded:
@@ -107,8 +109,8 @@ def null_space(path, pseudo_inverse, consistent):
     pair = {"Figure 1: pseudo-inverse": (pseudo_inverse, RED), "Figure 2: dynamically consistent": (consistent, BLUE)}
     forces, numbers = [run.coupling_n() for run, _ in pair.values()], {}
     for key, (run, _), force in zip(("fig1", "fig2"), pair.values(), forces):
-        swings = [np.degrees(np.ptp(run.q[(run.t >= start) & (run.t < start + 1), 1])).item() for start in (0, 1)]
-        numbers[key] = {"tip_error_max_mm": float(run.error_mm.max()), "coupling_max_n": float(force.max()), "joint_2_swings_deg": swings}
+        swings = [np.degrees(np.ptp(run.q[(run.t >= start) & (run.t < start + 1), 1])) for start in (0, 1)]
+        numbers[key] = {"tip_error_max_mm": run.error_mm.max(), "coupling_max_n": force.max(), "joint_2_swings_deg": swings}
     error, push = ([digits(one[name]) for one in numbers.values()] for name in ("tip_error_max_mm", "coupling_max_n"))
     notes = [
         f"Largest error of the tip: {error[0]} mm with the pseudo-inverse, {error[1]} mm dynamically consistent.",
@@ -140,7 +142,7 @@ def three_locks(path, runs):
     with page(path, title, subtitle, notes, [(3.0, 3)]) as (row,):
         for axes, (name, run) in zip(row, runs.items()):
             i = int(np.argmin(np.abs(run.s(name))))
-            zeta, s = run.zeta(name)[i], float(run.s(name)[i])
+            zeta, s = run.zeta(name)[i], run.s(name)[i]
             kind = next(one.type for one in run.arm.singularities(run.q[i]) if one.name == name)
             undistorted(axes, f"{name} lock: {TITLES[name]}", hidden=True)
             _lock(axes, run, i, name, zeta)
@@ -150,7 +152,7 @@ def three_locks(path, runs):
                     f"The paper counts the {name} lock as {PAPER[name]}. Here the type is computed: the shoulder's offset keeps the wrist's centre out of a "
                     f"cylinder around the waist's axis, so the centre can move along ζ on one side. Without the offset (puma560-ideal) the lock is {PAPER[name]}, too."
                 )
-            numbers[name] = {"s": s, "t_s": float(run.t[i]), "zeta": zeta.tolist(), "type": kind, "type_in_the_paper": PAPER[name]}
+            numbers[name] = {"s": s, "t_s": run.t[i], "zeta": zeta, "type": kind, "type_in_the_paper": PAPER[name]}
     return numbers
 
 
@@ -193,8 +195,8 @@ def two_locks(path, run):
     along, moved = off @ zeta, 1e3 * (run.p - run.p[0]) @ zeta
     errors = {"along ζ": 1e3 * np.abs(along), "orthogonal to ζ": 1e3 * np.linalg.norm(off - np.outer(along, zeta), axis=1)}
     numbers = {
-        "moved_mm": float(moved[-1]), "along_max_mm": float(errors["along ζ"].max()), "orthogonal_max_mm": float(errors["orthogonal to ζ"].max()),
-        "orientation_max_deg": float(run.error_deg.max()), "final_mm": float(run.error_mm[-1]),
+        "moved_mm": moved[-1], "along_max_mm": errors["along ζ"].max(), "orthogonal_max_mm": errors["orthogonal to ζ"].max(),
+        "orientation_max_deg": run.error_deg.max(), "final_mm": run.error_mm[-1],
     }  # fmt: skip
     told = {key: digits(abs(value)) for key, value in numbers.items()}
     notes = [
@@ -229,8 +231,8 @@ def wrist_lock(path, run):
     rotated = np.degrees(run.turned @ zeta[0])
     moved = np.degrees(run.q[-1] - run.q[0])
     numbers = {
-        "zeta_turned_deg": float(np.nanmax(turned)), "hand_turned_deg": float(rotated[-1] % 360), **{f"q{i}_moved_deg": float(moved[i - 1]) for i in (4, 5, 6)},
-        "position_max_mm": float(run.error_mm.max()), "orientation_max_deg": float(run.error_deg.max()),
+        "zeta_turned_deg": np.nanmax(turned), "hand_turned_deg": rotated[-1] % 360, **{f"q{i}_moved_deg": moved[i - 1] for i in (4, 5, 6)},
+        "position_max_mm": run.error_mm.max(), "orientation_max_deg": run.error_deg.max(),
     }  # fmt: skip
     joints = ", ".join(f"joint {i} by {moved[i - 1]:.2f}°" for i in (4, 5, 6))
     notes = [

@@ -63,11 +63,11 @@ def _session(robot, seed, seconds, settings):
     since = np.arange(len(stands)) - np.maximum.accumulate(np.where(stands, -1, np.arange(len(stands))))
     step = np.abs(np.diff(run.vectors("torque.commanded"), axis=0)).max(axis=0) / (run.arm.torque_rate * dt)
     beyond = np.maximum(run.q - run.arm.upper, run.arm.lower - run.q).max()
-    at = lambda *names: float(np.isin(column["servo.reason"], [getattr(wire, name) for name in names]).sum() * dt)
+    at = lambda *names: np.isin(column["servo.reason"], [getattr(wire, name) for name in names]).sum() * dt
     found = {
         "arm": robot, "seed": seed, "seconds": seconds, "speed_max_ratio": row["speed_max_ratio"], "torque_max_ratio": row["torque_max_ratio"],
-        "step_max_ratio": float(step.max()), "beyond_range_rad": float(max(beyond, 0.0)), "orthogonal_max_mm": row["orthogonal_max_mm"],
-        "orthogonal_max_deg": row["orthogonal_max_deg"], "stalled_s": float((since * dt > STILL_S).sum() * dt), "limit_s": at("REASON_LIMIT"),
+        "step_max_ratio": step.max(), "beyond_range_rad": max(beyond, 0.0), "orthogonal_max_mm": row["orthogonal_max_mm"],
+        "orthogonal_max_deg": row["orthogonal_max_deg"], "stalled_s": (since * dt > STILL_S).sum() * dt, "limit_s": at("REASON_LIMIT"),
         "reach_s": at("REASON_REACH"), "slowed_s": at("REASON_SINGULARITY", "REASON_EFFORT"),
     }  # fmt: skip
     limits = found["speed_max_ratio"] <= 1 and found["torque_max_ratio"] <= 1 and found["step_max_ratio"] <= 1 + 1e-6 and found["beyond_range_rad"] == 0
