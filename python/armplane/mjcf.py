@@ -65,7 +65,7 @@ class _Tree:
         self.m, self.folder, self.xml, self.joints, self.notes = m, folder, [], {}, []
         names = _Names()
         self.bodies = [names.new(m.body(b).name or f"body{b}", f"body{b}") for b in range(m.nbody)]
-        followers = {int(m.eq_obj1id[e]): int(m.eq_obj2id[e]) for e in range(m.neq) if m.eq_type[e] == 2 and m.eq_obj2id[e] >= 0}
+        followers = {m.eq_obj1id[e]: m.eq_obj2id[e] for e in range(m.neq) if m.eq_type[e] == 2 and m.eq_obj2id[e] >= 0}
         joint_names = _Names()
         self.joint_names = [joint_names.new(m.joint(j).name or f"joint{j}", f"joint{j}") for j in range(m.njnt)]
         efforts = self._efforts()
@@ -96,7 +96,7 @@ class _Tree:
     def _shapes(self, b):
         m, shapes = self.m, []
         for g in range(m.body_geomadr[b], m.body_geomadr[b] + m.body_geomnum[b]):
-            kind, size, p, R = int(m.geom_type[g]), m.geom_size[g], m.geom_pos[g], rotation_of(m.geom_quat[g])
+            kind, size, p, R = m.geom_type[g], m.geom_size[g], m.geom_pos[g], rotation_of(m.geom_quat[g])
             if kind == _SPHERE:
                 form = _element("sphere", radius=size[0])
             elif kind in (_CAPSULE, _CYLINDER):
@@ -138,7 +138,7 @@ class _Tree:
 
     def _joint(self, j, ends, p, R, followers, efforts):
         m, name = self.m, self.joint_names[j]
-        kind, dof = int(m.jnt_type[j]), int(m.jnt_dofadr[j])
+        kind, dof = m.jnt_type[j], m.jnt_dofadr[j]
         axis, moves = m.jnt_axis[j], kind in (_SLIDE, _HINGE)
         # The posture that the file draws is not q = 0 but q = ref.
         ref = m.qpos0[m.jnt_qposadr[j]] if moves else 0.0
@@ -146,7 +146,7 @@ class _Tree:
             p = p - R @ axis * ref
         elif kind == _HINGE:
             R = R @ rotation_exp(-ref * axis)
-        limited = bool(m.jnt_limited[j])
+        limited = m.jnt_limited[j]
         lower, upper = m.jnt_range[j] if limited else (-math.inf, math.inf)
         effort = efforts.get(j, math.inf)
         if m.jnt_actfrclimited[j]:
@@ -177,7 +177,7 @@ class _Tree:
             force = _either_way(m.actuator_forcerange[a]) if m.actuator_forcelimited[a] else math.inf
             if m.actuator_biastype[a] == m.actuator_dyntype[a] == m.actuator_gaintype[a] == 0 and m.actuator_ctrllimited[a]:
                 force = min(force, _either_way(m.actuator_ctrlrange[a]) * abs(m.actuator_gainprm[a, 0]))
-            j = int(m.actuator_trnid[a, 0])
+            j = m.actuator_trnid[a, 0]
             efforts[j] = efforts.get(j, 0.0) + force * abs(m.actuator_gear[a, 0])
         return efforts
 

@@ -81,10 +81,7 @@ class Play:
     def __init__(self, folder, subject, browser=None, *options):
         self.temporary = folder / "tmp"
         self.temporary.mkdir()
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            port = free.getsockname()[1]
-        command = [sys.executable, "-m", "armplane.play", subject, "--no-open", "--port", str(port), *options]
+        command = [sys.executable, "-m", "armplane.play", subject, "--no-open", *options]
         environment = {**os.environ, "TMPDIR": str(self.temporary)}
         self.process = subprocess.Popen(command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         self.address = next(line.split()[2] for line in self.process.stdout if line.startswith("armplane play: http"))

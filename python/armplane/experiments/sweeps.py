@@ -67,7 +67,7 @@ def sweep(scenario, space, runs=None, method="grid", *, seed=1, settings=None, o
     todo = {i: points for i, points in chunks.items() if i not in parts or not parts[i].exists()}
     done, tables = len(points) - sum(map(len, todo.values())), {}
     for i, rows in _spread(todo, (scenario, settings, run), client, jobs):
-        tables[i] = table = pd.DataFrame(rows)
+        tables[i] = table = pd.json_normalize(rows)
         if out is not None:
             _write(table, parts[i])
         done += len(table)
@@ -193,10 +193,7 @@ def _run(run, scenario, settings):
 
 def _row(number, point, result):
     row = {"run": number, **point, "outcome": result.pop("outcome"), "reason": result.pop("reason")}
-    for name, value in result.items():
-        nested = {f"{name}.{inner}": one for inner, one in value.items()} if isinstance(value, dict) else {name: value}
-        row.update({name: ", ".join(map(str, one)) if isinstance(one, list) else one for name, one in nested.items()})
-    return row
+    return row | {name: ", ".join(map(str, value)) if isinstance(value, list) else value for name, value in result.items()}
 
 
 def _first(scenario, point, settings, run):
