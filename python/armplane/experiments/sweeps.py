@@ -60,7 +60,7 @@ def sweep(scenario, space, runs=None, method="grid", *, seed=1, settings=None, o
     points = draw(scenario, space, runs, method, seed, settings)
     chunk = chunk or min(max(math.ceil(len(points) / 64), 8), 1000)
     chunks = {i: points[i : i + chunk] for i in range(0, len(points), chunk)}
-    plan = {"scenario": str(scenario), "settings": settings or {}, "space": _plain(space), "method": method, "seed": seed, "runs": len(points), "chunk": chunk}
+    plan = {"scenario": str(scenario), "settings": settings or {}, "space": space, "method": method, "seed": seed, "runs": len(points), "chunk": chunk}
     parts = {i: pathlib.Path(out) / f"runs-{i:08}.parquet" for i in chunks} if out is not None else {}
     if out is not None:
         _claim(pathlib.Path(out), plan, _first(scenario, points[0], settings, run))
@@ -205,7 +205,7 @@ def _first(scenario, point, settings, run):
 def _claim(folder, plan, first):
     """Makes the folder the plan's, or checks that it is."""
     folder.mkdir(parents=True, exist_ok=True)
-    wanted = json.loads(json.dumps({**plan, "first_run_sha256": first}))
+    wanted = _plain({**plan, "first_run_sha256": first})
     if not (folder / PLAN).exists():
         if any(folder.iterdir()):
             raise ValueError(f"{folder} is not empty, and not a sweep's: choose another folder")
@@ -242,10 +242,5 @@ def _scalar(value):
 
 def _plain(value):
     """As JSON has it."""
-    if isinstance(value, dict):
-        return {key: _plain(one) for key, one in value.items()}
-    if isinstance(value, Range):
-        return asdict(value)
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return [_plain(one) for one in value]
-    return _scalar(value)
+    other = lambda one: asdict(one) if isinstance(one, Range) else one.tolist() if hasattr(one, "tolist") else list(one)
+    return json.loads(json.dumps(value, default=other))
