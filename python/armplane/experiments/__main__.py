@@ -9,6 +9,8 @@ import armplane
 
 from ..results import read_toml
 
+# Of a sweep's file and its tables: the keys that it needs, and others.
+KEYS = {"": ("name scenario key", "set sample"), "sample: ": ("runs", "seed method"), "key: ": ("key", "values from to steps scale")}
 LACK = "pip install 'armplane[experiments]' (docs/sweeps.md)"
 
 
@@ -127,13 +129,14 @@ def read_file(path):
         spec = read_toml(path)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
-    _only(path, "", spec, {"name", "scenario", "set", "key", "sample"}, {"name", "scenario", "key"})
+    _only(path, "", spec)
     beside = path.parent / spec["scenario"]
     sample = spec.get("sample", {})
-    _only(path, "sample: ", sample, {"runs", "seed", "method"}, {"runs"} if sample else set())
+    if sample:
+        _only(path, "sample: ", sample)
     space = {}
     for key in spec["key"]:
-        _only(path, "key: ", key, {"key", "values", "from", "to", "steps", "scale"}, {"key"})
+        _only(path, "key: ", key)
         name = key["key"]
         if name in space or name in ("graph", "name"):
             raise ValueError(f"{path}: `{name}` is given twice, or cannot vary within a sweep")
@@ -144,16 +147,17 @@ def read_file(path):
         if key.get("scale", "linear") not in ("linear", "log"):
             raise ValueError(f"{path}: the scale of `{name}` is `linear` or `log`")
         space[name] = key["values"] if "values" in key else Range(key["from"], key["to"], key.get("steps", 0), key.get("scale") == "log")
-    method = sample.get("method", "random") if sample else "grid"
+    method = sample.get("method", "random" if sample else "grid")
     scenario = str(beside) if beside.suffix == ".toml" and beside.is_file() else spec["scenario"]
     settings = dict(_setting(one) for one in spec.get("set", []))
     return spec["name"], {"scenario": scenario, "space": space, "runs": sample.get("runs"), "method": method, "seed": sample.get("seed", 0), "settings": settings}
 
 
-def _only(path, where, table, known, needed):
-    for key in table.keys() - known:
-        raise ValueError(f"{path}: {where}`{key}` is unknown; there are {', '.join(sorted(known))}")
-    for key in needed - table.keys():
+def _only(path, where, table):
+    needed, others = (words.split() for words in KEYS[where])
+    for key in table.keys() - {*needed, *others}:
+        raise ValueError(f"{path}: {where}`{key}` is unknown; there are {', '.join(sorted([*needed, *others]))}")
+    for key in {*needed} - table.keys():
         raise ValueError(f"{path}: {where}`{key}` is missing")
 
 
