@@ -72,13 +72,14 @@ pub(crate) fn usage(error: &clap::Error) -> ExitCode {
     let code = u8::try_from(error.exit_code()).unwrap_or(2);
     let styled = error.render();
     // Codes among the arguments could not be told from ours.
-    let has_codes = std::env::args_os().any(|argument| {
+    let is_code = |argument: std::ffi::OsString| {
         let argument = argument.to_string_lossy();
-        argument.contains(char::is_control)
-    });
+        plain(&argument) != argument
+    };
+    let has_codes = std::env::args_os().any(is_code);
     let words = |is_coloured: bool| match is_coloured && !has_codes {
         true => styled.ansi().to_string(),
-        false => styled.to_string(),
+        false => plain(&styled.to_string()),
     };
     if !error.use_stderr() {
         show_painted(&words(is_coloured(&stdout())));

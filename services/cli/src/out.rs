@@ -5,7 +5,7 @@
 //! Lines on standard error for which there is no room are dropped and counted, and the count is printed as soon as there is room.
 //!
 //! Text of other programs may be in all of it (their last words, names, reasons), and with it codes that a terminal obeys: control characters are left out, but
-//! for the ends of lines, tabs, and where this program paints, colours.
+//! for the ends of lines and tabs. What this program paints it has cleaned before.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, VecDeque};
@@ -48,38 +48,39 @@ enum Stream {
     Err,
 }
 
-/// What waits for one stream.
-struct Queue {
-    texts: VecDeque<(u64, String)>,
-    /// Place of the text that is being written, and whose line it is.
-    writing: Option<u64>,
-    speaker: String,
+/// Whoever reads a stream.
+struct Reader {
+    /// Bytes that wait for it, those that are being written among them.
     bytes: usize,
     dropped: u64,
+    /// Whose line is being written.
+    writing: Option<String>,
     /// When that began, or the reader last took something of it.
     moved: Instant,
     is_gone: bool,
 }
 
-impl Queue {
-    fn oldest(&self) -> Option<u64> {
-        self.writing.or(self.texts.front().map(|text| text.0))
-    }
-
+impl Reader {
     fn is_stuck(&self, limit: Duration) -> bool {
         self.writing.is_some() && self.moved.elapsed() > limit
     }
 
-    /// Whether nothing is left to be read, or its reader has been waited for long enough.
+    /// Whether nothing is left to be read.
+    fn is_idle(&self) -> bool {
+        self.bytes == 0 && self.writing.is_none()
+    }
+
+    /// Whether it is idle, or has been waited for long enough.
     fn is_late(&self, began: Instant) -> bool {
-        self.oldest().is_none() || self.is_stuck(STUCK) || began.elapsed() > PATIENCE
+        self.is_idle() || self.is_stuck(STUCK) || began.elapsed() > PATIENCE
     }
 }
 
 struct State {
-    out: Queue,
-    err: Queue,
-    next: u64,
+    /// In their order.
+    texts: VecDeque<(Stream, String)>,
+    out: Reader,
+    err: Reader,
     /// Lines on standard error that nobody has read, by the word before the first colon.
     lost: BTreeMap<String, u64>,
     /// The last line of a terminal, which is always the latest one.
@@ -93,31 +94,19 @@ struct State {
     is_same: bool,
 }
 
-/// What a thread writes next.
-struct Job {
-    text: Option<String>,
-    /// A status line is on the terminal.
-    was_drawn: bool,
-    /// The status line is drawn, or removed.
-    is_status: bool,
-    status: Option<String>,
-}
-
 impl State {
     fn new(has_status: bool) -> Self {
-        let queue = || Queue {
-            texts: VecDeque::new(),
-            writing: None,
-            speaker: String::new(),
+        let reader = || Reader {
             bytes: 0,
             dropped: 0,
+            writing: None,
             moved: Instant::now(),
             is_gone: false,
         };
         Self {
-            out: queue(),
-            err: queue(),
-            next: 0,
+            texts: VecDeque::new(),
+            out: reader(),
+            err: reader(),
             lost: BTreeMap::new(),
             status: None,
             has_status,
@@ -127,28 +116,22 @@ impl State {
         }
     }
 
-    fn queue(&mut self, stream: Stream) -> &mut Queue {
+    fn reader(&mut self, stream: Stream) -> &mut Reader {
         match stream {
             Stream::Out => &mut self.out,
             Stream::Err => &mut self.err,
         }
     }
 
-    fn place(&mut self) -> u64 {
-        self.next += 1;
-        self.next
-    }
-
     fn push(&mut self, stream: Stream, text: String) {
-        let place = self.place();
         let most = match stream {
             Stream::Out => MOST_SHOWN,
             Stream::Err => MOST_TOLD,
         };
-        let queue = self.queue(stream);
-        let is_full = queue.bytes > 0 && queue.bytes + text.len() > most;
-        if queue.is_gone || is_full {
-            queue.dropped += u64::from(is_full);
+        let reader = self.reader(stream);
+        let is_full = reader.bytes > 0 && reader.bytes + text.len() > most;
+        if reader.is_gone || is_full {
+            reader.dropped += u64::from(is_full);
             match stream {
                 Stream::Out if is_full => lose(stream, UNREAD),
                 Stream::Out => {}
@@ -156,8 +139,8 @@ impl State {
             }
             return;
         }
-        queue.bytes += text.len();
-        queue.texts.push_back((place, text));
+        reader.bytes += text.len();
+        self.texts.push_back((stream, text));
         self.note_dropped(stream);
     }
 
@@ -167,15 +150,16 @@ impl State {
 
     /// Gives up what waits for a reader of standard error.
     fn give_up(&mut self) {
-        let left = std::mem::take(&mut self.err.texts);
-        for (_, text) in left {
-            self.err.bytes -= text.len();
-            self.miss(speaker(&text));
+        for (stream, text) in std::mem::take(&mut self.texts) {
+            if stream == Stream::Out {
+                self.texts.push_back((stream, text));
+            } else {
+                self.err.bytes -= text.len();
+                self.miss(speaker(&text));
+            }
         }
-        if self.err.writing.is_some() {
-            let speaker = self.err.speaker.clone();
-            self.miss(speaker);
-        }
+        let writing = self.err.writing.clone();
+        writing.into_iter().for_each(|speaker| self.miss(speaker));
     }
 
     /// Leaves a sentence about dropped lines, where there is room for it.
@@ -183,7 +167,7 @@ impl State {
         if self.err.bytes + SENTENCE > MOST_TOLD {
             return;
         }
-        let dropped = std::mem::take(&mut self.queue(stream).dropped);
+        let dropped = std::mem::take(&mut self.reader(stream).dropped);
         if dropped > 0 {
             let sentence = format!(
                 "armplane: {} dropped, because nobody read the output\n",
@@ -193,47 +177,38 @@ impl State {
         }
     }
 
-    /// The next job of a stream, unless an older one of the other is under way.
-    fn take(&mut self, stream: Stream) -> Option<Job> {
-        if self.queue(stream).texts.is_empty() {
+    /// What a stream writes next, and the bytes of its text: none where something older is under way in the other one, unless that is stuck.
+    fn take(&mut self, stream: Stream) -> Option<(String, usize)> {
+        let is_of = |text: &(Stream, String)| text.0 == stream;
+        if !self.texts.iter().any(is_of) {
             self.note_dropped(stream);
         }
-        let other = match stream {
-            Stream::Out => &self.err,
-            Stream::Err => &self.out,
-        };
-        let before = other.oldest().filter(|_| !other.is_stuck(SLOW));
+        let is_err = stream == Stream::Err;
+        let other = if is_err { &self.out } else { &self.err };
+        let goes_on = other.is_stuck(SLOW);
         // The status line goes before results come: it may be about to be removed.
-        let is_busy = self.is_stale || self.err.writing.is_some();
-        let is_covered = stream == Stream::Out && is_busy && !self.err.is_stuck(SLOW);
-        let is_next =
-            |text: &mut (u64, String)| !is_covered && before.is_none_or(|before| text.0 < before);
-        let text = self.queue(stream).texts.pop_front_if(is_next);
-        let is_status = stream == Stream::Err && std::mem::take(&mut self.is_stale);
-        let status = self
-            .status
-            .clone()
-            .filter(|_| stream == Stream::Err && self.has_status);
-        let place = match &text {
-            Some(text) => text.0,
-            None if is_status => self.place(),
-            None => return None,
-        };
-        let removes = stream == Stream::Err || self.is_same;
-        let was_drawn = removes && std::mem::take(&mut self.is_drawn);
-        self.is_stale |= was_drawn && stream == Stream::Out;
-        let queue = self.queue(stream);
-        (queue.writing, queue.moved) = (Some(place), Instant::now());
-        queue.speaker = text
-            .as_ref()
-            .map(|text| speaker(&text.1))
-            .unwrap_or_default();
-        Some(Job {
-            text: text.map(|text| text.1),
-            was_drawn,
-            is_status,
-            status,
-        })
+        let is_busy = other.writing.is_some() || !is_err && self.is_stale;
+        let mut places = self.texts.iter();
+        let place = places.position(is_of);
+        let place = place.filter(|place| goes_on || !is_busy && *place == 0);
+        let text = place.and_then(|place| self.texts.remove(place));
+        let is_status = is_err && std::mem::take(&mut self.is_stale);
+        if text.is_none() && !is_status {
+            return None;
+        }
+        let was_drawn = (is_err || self.is_same) && std::mem::take(&mut self.is_drawn);
+        self.is_stale |= was_drawn && !is_err;
+        let text = text.map_or_else(String::new, |text| text.1);
+        let reader = self.reader(stream);
+        (reader.writing, reader.moved) = (Some(speaker(&text)), Instant::now());
+        let removed = if was_drawn { "\r\x1b[K" } else { "" };
+        let mut whole = removed.to_owned() + &text;
+        let is_shown = is_err && self.has_status && (was_drawn || is_status);
+        if let Some(status) = self.status.as_ref().filter(|_| is_shown) {
+            whole += &beginning(status, columns() - 1);
+            self.is_drawn = true;
+        }
+        Some((whole, text.len()))
     }
 }
 
@@ -323,35 +298,28 @@ impl<S: AsFd> Write for Direct<S> {
 fn print(shared: &Mutex<State>, stream: Stream, mut to: impl Write) {
     let mut state = locked(shared);
     loop {
-        let Some(job) = state.take(stream) else {
+        let Some((mut whole, bytes)) = state.take(stream) else {
             // Changes of a status line wake nobody.
             state = changed(state);
             continue;
         };
         drop(state);
-        let mut whole = if job.was_drawn { "\r\x1b[K" } else { "" }.to_owned();
-        whole += job.text.as_deref().unwrap_or_default();
-        let is_drawn = (job.was_drawn || job.is_status) && job.status.is_some();
-        if is_drawn {
-            whole += &beginning(job.status.as_deref().unwrap_or_default(), columns() - 1);
-        }
         if is_raw() {
             whole = whole.replace('\n', "\r\n");
         }
         let is_written = write_whole(stream, &whole, &mut to, || {
-            locked(shared).queue(stream).moved = Instant::now();
+            locked(shared).reader(stream).moved = Instant::now();
         });
         state = locked(shared);
-        state.is_drawn |= is_drawn;
         if !is_written && stream == Stream::Err {
             state.give_up();
         }
-        let queue = state.queue(stream);
-        queue.writing = None;
-        queue.bytes -= job.text.map_or(0, |text| text.len());
+        let reader = state.reader(stream);
+        reader.writing = None;
+        reader.bytes -= bytes;
         if !is_written {
-            (queue.is_gone, queue.bytes) = (true, 0);
-            queue.texts.clear();
+            (reader.is_gone, reader.bytes) = (true, 0);
+            state.texts.retain(|text| text.0 != stream);
         }
         CHANGED.notify_all();
     }
@@ -396,14 +364,14 @@ pub(crate) fn finish(is_bounded: bool) -> Option<&'static str> {
     };
     set_status(None);
     let began = Instant::now();
-    let is_late = |queue: &Queue| queue.is_late(began);
     let mut state = locked(shared);
     loop {
-        let is_shown = state.out.oldest().is_none() || is_bounded && is_late(&state.out);
-        let is_told = is_late(&state.err) && (!state.is_stale || state.err.is_stuck(STUCK));
+        let is_idle = state.out.is_idle();
+        let is_shown = is_idle || is_bounded && state.out.is_late(began);
+        let is_told = state.err.is_late(began) && (!state.is_stale || state.err.is_stuck(STUCK));
         if is_shown && is_told {
-            let is_left = state.out.oldest().is_some();
-            return LOST.get().map(String::as_str).or(is_left.then_some(UNREAD));
+            let left = (!is_idle).then_some(UNREAD);
+            return LOST.get().map(String::as_str).or(left);
         }
         state = changed(state);
     }
@@ -531,9 +499,9 @@ pub(crate) fn show_run(summary: &Summary, folder: &Path, form: Form) -> Result<(
     Ok(())
 }
 
-/// The same of a text that is painted, or is none for people: as it is.
+/// The same of a text that this program has painted, or that is none for people: as it is.
 pub(crate) fn show_painted(text: &impl std::fmt::Display) {
-    push(Stream::Out, &painted(&text.to_string()));
+    push(Stream::Out, &text.to_string());
 }
 
 /// Prints a line on standard error.
@@ -546,7 +514,7 @@ pub(crate) fn tell(line: &impl std::fmt::Display) {
 
 /// The same of a line that is painted.
 pub(crate) fn tell_painted(line: &impl std::fmt::Display) {
-    push(Stream::Err, &painted(&format!("{line}\n")));
+    push(Stream::Err, &format!("{line}\n"));
 }
 
 /// Columns of the terminal.
@@ -627,12 +595,12 @@ fn is_raw() -> bool {
     crossterm::terminal::is_raw_mode_enabled().unwrap_or_default()
 }
 
-/// Takes the log of this program.
+/// Takes the log of this program, whose printer escapes codes in the text of others.
 pub(crate) struct Log;
 
 impl Write for Log {
     fn write(&mut self, line: &[u8]) -> std::io::Result<usize> {
-        push(Stream::Err, &painted(&String::from_utf8_lossy(line)));
+        push(Stream::Err, &String::from_utf8_lossy(line));
         Ok(line.len())
     }
 
@@ -648,21 +616,6 @@ pub(crate) fn plain(text: &str) -> String {
     let is_code = |letter: char| letter.is_control() && !matches!(letter, '\n' | '\t');
     let is_kept = |letter: &char| !is_code(*letter) && !is_mark(*letter);
     text.chars().filter(is_kept).collect()
-}
-
-/// The same of a text in which colours may be, ESC [ numbers m.
-pub(crate) fn painted(text: &str) -> String {
-    let is_colour = |code: &str| {
-        let numbers = code.strip_prefix('[').unwrap_or_default();
-        let is_number = |letter: char| letter.is_ascii_digit() || letter == ';';
-        numbers.trim_start_matches(is_number).starts_with('m')
-    };
-    let mut parts = text.split('\x1b');
-    let first = plain(parts.next().unwrap_or_default());
-    parts.fold(first, |painted, part| {
-        let begin = if is_colour(part) { "\x1b" } else { "" };
-        painted + begin + &plain(part)
-    })
 }
 
 #[cfg(test)]
@@ -683,14 +636,12 @@ mod tests {
             state.push(Stream::Err, line.clone());
         }
         let mut written = Vec::new();
-        while let Some(job) = state.take(Stream::Err) {
-            let text = job.text.expect("a text");
-            state.err.bytes -= text.len();
+        while let Some((text, bytes)) = state.take(Stream::Err) {
+            state.err.bytes -= bytes;
             state.err.writing = None;
             written.push(text);
             if written.len() == 1 {
-                state.out.writing.take();
-                let result = state.take(Stream::Out).and_then(|job| job.text);
+                let result = state.take(Stream::Out).map(|one| one.0);
                 assert_eq!(result.as_deref(), Some("result"));
                 state.out.writing = None;
             }
@@ -710,19 +661,17 @@ mod tests {
         (state.is_same, state.is_drawn) = (true, true);
         state.status = Some("bar".to_owned());
         state.push(Stream::Out, "result".to_owned());
-        assert!(state.take(Stream::Out).is_some_and(|job| job.was_drawn));
+        let taken = state.take(Stream::Out).map(|one| one.0);
+        assert_eq!(taken.as_deref(), Some("\r\x1b[Kresult"));
         state.out.writing = None;
-        let redrawn = state.take(Stream::Err).expect("a status line");
-        assert!(redrawn.is_status && !redrawn.was_drawn);
-        assert_eq!(redrawn.status.as_deref(), Some("bar"));
+        let redrawn = state.take(Stream::Err).map(|one| one.0);
+        assert_eq!(redrawn.as_deref(), Some("bar"));
     }
 
     #[test]
-    fn no_code_that_a_terminal_obeys_is_left_but_colours_where_they_are_painted() {
+    fn no_code_that_a_terminal_obeys_is_left() {
         let hostile =
             "a\x1b]0;title\x07\x1b[2Jb\u{9b}31m\x7f\r\tend\n\x1b[1;31mred\x1b[0m\x1b[\x1b[3";
-        let all = "a]0;title[2Jb31m\tend\n";
-        assert_eq!(plain(hostile), format!("{all}[1;31mred[0m[[3"));
-        assert_eq!(painted(hostile), format!("{all}\x1b[1;31mred\x1b[0m[[3"));
+        assert_eq!(plain(hostile), "a]0;title[2Jb31m\tend\n[1;31mred[0m[[3");
     }
 }

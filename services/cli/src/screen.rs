@@ -6,8 +6,6 @@ use std::time::{Duration, Instant};
 
 use session::Failure;
 
-use crate::out::painted;
-
 /// How long a signal may wait.
 const LOOK: Duration = Duration::from_millis(50);
 
@@ -56,7 +54,6 @@ impl Screen {
 
     /// Shows these lines.
     pub(crate) fn show(lines: &[String]) {
-        let lines: Vec<_> = lines.iter().map(|line| painted(line)).collect();
         put(&format!("\x1b[H{}\x1b[K\x1b[J", lines.join("\x1b[K\r\n")));
     }
 }

@@ -9,7 +9,7 @@ use session::Failure;
 use session::observation::{Living, Observer};
 use session::observation_lines;
 
-use crate::out::{is_coloured, is_gone, say, size};
+use crate::out::{is_coloured, is_gone, plain, say, size};
 use crate::screen::Screen;
 
 #[derive(Args)]
@@ -53,7 +53,8 @@ pub(crate) fn top(args: &TopArgs, as_json: bool) -> Result<ExitCode, Failure> {
                 }
             }
         }
-        let observation = observer.observe();
+        let mut observation = observer.observe();
+        observation.title = plain(&observation.title);
         let is_over = observer.is_over();
         if is_over {
             screen = None;
