@@ -95,7 +95,7 @@ fn drill_one(
     let out = results.folder.clone();
     let mut job = load::job(&robot, scenario, graph, request.mode, out);
     if let Some(without) = request.without {
-        without.leave_out(&mut job)?;
+        without.leave_out(&mut job, &robot)?;
     }
     let stage = Stage {
         results,

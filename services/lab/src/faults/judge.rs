@@ -3,7 +3,7 @@
 use launcher::{End, Failure as Mishap};
 use recorder::{MESSAGES, Row, Ticks};
 use session::{Failure, Run};
-use shared_types::bounds::larger;
+use shared_types::bounds::{larger, share};
 use shared_types::codes::{
     DRIVE_ABSENT, DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_ENCODER, DRIVE_HOLDING, DRIVE_REFUSED,
     DRIVE_STALE,
@@ -250,29 +250,27 @@ impl Stage<'_> {
     /// drives' doing.
     fn motion(&self, ran: &Ran, truth: &[PlantState], verdict: &mut Verdict) -> Motion {
         let limits = recorder::Limits::of(self.robot);
-        let largest = |of: &dyn Fn(usize) -> f64, limits: &[f64]| {
-            let limits = limits.iter().enumerate();
-            let limited = limits.filter(|(_, limit)| limit.is_finite());
-            limited.fold(0.0, |most, (i, limit)| larger(most, of(i).abs() / limit))
+        let raise = |most: &mut f64, values: &[f64], limits: &[f64]| {
+            for (value, limit) in values.iter().zip(limits) {
+                *most = larger(*most, share(*value, *limit));
+            }
         };
         let mut motion = Motion {
             stale_ticks: ran.stale_ticks(),
             ..Motion::default()
         };
-        let mut is_finite = true;
-        for (k, state) in truth.iter().enumerate() {
-            let (tau, qdot) = (&state.tau, &state.qdot);
-            let torque = largest(&|i| tau[i], &limits.effort);
-            motion.torque_max_ratio = larger(motion.torque_max_ratio, torque);
-            let speed = largest(&|i| qdot[i], &limits.velocity);
-            motion.speed_max_ratio = larger(motion.speed_max_ratio, speed);
-            let before = k.checked_sub(1).map(|before| &truth[before]);
-            if let Some(before) = before.filter(|one| one.header.tick + 1 == state.header.tick) {
-                let step = largest(&|i| tau[i] - before.tau[i], &limits.effort);
-                motion.torque_step_max_ratio = larger(motion.torque_step_max_ratio, step);
+        let (mut is_finite, mut before) = (true, None::<&PlantState>);
+        for state in truth {
+            let PlantState { tau, q, qdot, .. } = state;
+            raise(&mut motion.torque_max_ratio, tau, &limits.effort);
+            raise(&mut motion.speed_max_ratio, qdot, &limits.velocity);
+            let tick = state.header.tick;
+            if let Some(before) = before.filter(|before| before.header.tick + 1 == tick) {
+                let step: [f64; MAX_DOF] = std::array::from_fn(|i| tau[i] - before.tau[i]);
+                raise(&mut motion.torque_step_max_ratio, &step, &limits.effort);
             }
-            let mut all = tau.iter().chain(&state.q).chain(qdot);
-            is_finite &= all.all(|value| value.is_finite());
+            is_finite &= tau.iter().chain(q).chain(qdot).all(|x| x.is_finite());
+            before = Some(state);
         }
         verdict.unless(is_finite, "finite", || "the plant's state".to_owned());
         let mut unfresh = truth

@@ -5,11 +5,12 @@ use std::path::Path;
 
 use serde::Serialize;
 use session::Failure;
-use session::table::{Cell as TableCell, count as plural, number, table};
+use session::table::{count as plural, number, table};
 use shared_types::summary::FaultSummary;
 use viz::digits;
 
 use super::judge::{Broken, Cell};
+use crate::text::optional;
 
 /// All cells.
 #[derive(Serialize)]
@@ -73,10 +74,6 @@ impl fmt::Display for Drilled {
     }
 }
 
-fn optional(value: Option<f64>) -> TableCell {
-    number(value.map_or(String::from("–"), digits))
-}
-
 impl Drilled {
     /// A row for each cell.
     fn write_cells(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -88,22 +85,18 @@ impl Drilled {
         for cell in &self.cells {
             let ([process, fault], motion) = (names(cell), &cell.motion);
             let excursion = cell.excursion.clone().unwrap_or_default();
+            let detected = cell.faults.iter().filter_map(|fault| fault.detected_ms);
             rows.add_row([
                 process.into(),
                 fault.into(),
-                optional(
-                    cell.faults
-                        .iter()
-                        .filter_map(|fault| fault.detected_ms)
-                        .reduce(f64::max),
-                ),
+                number(optional(detected.reduce(f64::max), digits)),
                 number(motion.stale_ticks),
                 percent(motion.torque_max_ratio),
                 percent(motion.torque_step_max_ratio),
                 percent(motion.speed_max_ratio),
                 number(digits(1e3 * excursion.excursion_max_rad)),
                 number(digits(excursion.excursion_max_mm)),
-                optional(excursion.settled_ms),
+                number(optional(excursion.settled_ms, digits)),
                 cell.end.into(),
             ]);
         }

@@ -1,8 +1,7 @@
 //! A protection left out, to show that the drill can fail: test equipment, in no run but the drill's own.
 
-use std::fmt::Write;
-
 use launcher::Plan;
+use model::{Joint, Robot};
 use session::Failure;
 use shared_types::job::Job;
 
@@ -24,12 +23,13 @@ impl Without {
     /// Takes the protection out of a job, where it is in that.
     ///
     /// # Errors
-    /// [`Failure::Input`] where the robot's description has an effort limit that is no number.
-    pub(super) fn leave_out(self, job: &mut Job) -> Result<(), Failure> {
+    /// [`Failure::Input`] where no joint of the robot has an effort limit.
+    pub(super) fn leave_out(self, job: &mut Job, robot: &Robot) -> Result<(), Failure> {
         match self {
             Self::Hold => job.scenario.plant.hold_ticks = u32::MAX,
             Self::TorqueCheck => {
-                job.robot.urdf = with_efforts(&job.robot.urdf, EXCESS).map_err(Failure::Input)?
+                let description = with_efforts(&job.robot.description, robot, EXCESS)?;
+                job.robot.description = description;
             }
             Self::Fencing => {}
         }
@@ -44,35 +44,20 @@ impl Without {
     }
 }
 
-/// A URDF with all effort limits multiplied; the reason where one is no finite number, or there is none.
-fn with_efforts(urdf: &str, factor: f64) -> Result<String, String> {
-    const ATTRIBUTE: &str = "effort=\"";
-    let mut parts = urdf.split(ATTRIBUTE);
-    let mut text = parts.next().unwrap_or_default().to_owned();
-    let mut count = 0;
-    for part in parts {
-        let (number, rest) = part
-            .split_once('"')
-            .ok_or("an effort limit of the URDF has no end")?;
-        let effort = number
-            .trim()
-            .parse()
-            .ok()
-            .filter(|effort: &f64| effort.is_finite());
-        let effort = effort.ok_or_else(|| {
-            format!("the URDF's effort limit {number:?} is not a number: give one in N m")
-        })?;
-        // Writing to a string does not fail.
-        let _ = write!(text, "{ATTRIBUTE}{}\"{rest}", factor * effort);
-        count += 1;
+/// The description of a robot with its effort limits multiplied.
+fn with_efforts(description: &str, robot: &Robot, factor: f64) -> Result<String, Failure> {
+    if robot.joints.iter().all(|joint| joint.effort.is_infinite()) {
+        let name = &robot.name;
+        return Err(Failure::Input(format!(
+            "no joint of {name} has an effort limit, so there is no torque check to leave out"
+        )));
     }
-    if count == 0 {
-        return Err(
-            "the URDF has no effort limit (effort=\"…\"), so there is no torque check to leave out"
-                .to_owned(),
-        );
-    }
-    Ok(text)
+    let limit = |joint: &Joint| {
+        let name = toml::Value::from(joint.name.as_str());
+        format!("[joints.{name}]\neffort = {:?}\n", factor * joint.effort)
+    };
+    let limits: String = robot.joints.iter().map(limit).collect();
+    model::description::merged(description, &limits).map_err(Failure::input)
 }
 
 #[cfg(test)]
@@ -80,17 +65,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn all_effort_limits_are_multiplied_and_nothing_else() {
-        let urdf = "<limit effort=\"97.6\" velocity=\"8\"/><limit lower=\"-1\" effort=\"2\" velocity=\"1\"/>";
-        let expected = "<limit effort=\"976\" velocity=\"8\"/><limit lower=\"-1\" effort=\"20\" velocity=\"1\"/>";
-        assert_eq!(with_efforts(urdf, EXCESS).as_deref(), Ok(expected));
-        for wrong in ["", "NaN", "1e999", "-inf", "7 N m"] {
-            let reason = with_efforts(&format!("<limit effort=\"{wrong}\"/>"), EXCESS).unwrap_err();
-            assert!(reason.contains(&format!("{wrong:?}")), "{reason}");
+    fn all_effort_limits_are_multiplied() {
+        let robot = Robot::builtin("panda").expect("built in");
+        let mut source = robot.source.clone();
+        source.description = with_efforts(&source.description, &robot, EXCESS).expect("limits");
+        let other = Robot::from_source(&source).expect("an arm");
+        for (own, other) in robot.joints.iter().zip(&other.joints) {
+            assert_eq!(other.effort, EXCESS * own.effort);
         }
-        assert!(
-            with_efforts("<limit velocity=\"1\"/>", EXCESS).is_err()
-                && with_efforts("effort=\"3", EXCESS).is_err()
-        );
     }
 }
