@@ -295,13 +295,10 @@ impl Desk<'_> {
     fn per_joint(&mut self, name: &str, signal: Signal, range: Option<[f64; 2]>) -> ContainerLike {
         let (facts, count) = (self.subject.facts, self.subject.facts.joints());
         let [speed, load] = facts.axis_units();
-        let is_free = |limits: &[f64]| limits.iter().any(|limit| !limit.is_finite());
         let unit = match signal {
             Signal::DrawnPosition => "",
-            Signal::DrawnSpeed if is_free(&facts.limits.speed) => speed,
-            Signal::DrawnSpeed => " / limit",
-            _ if is_free(&facts.limits.torque) => load,
-            _ => " / limit",
+            Signal::DrawnSpeed => speed,
+            _ => load,
         };
         let name_of = |i: usize| match i {
             0..4 => format!("q{}", i + 1),
@@ -562,8 +559,8 @@ impl Desk<'_> {
             .send(&stream, activation)
             .map_err(|error| failed(&error))?;
         let mut messages = storage.take();
-        messages.retain(|message| message.store_id().is_blueprint());
-        messages.retain(|message| !matches!(message, LogMsg::BlueprintActivationCommand(_)));
+        let is_activation = |one: &LogMsg| matches!(one, LogMsg::BlueprintActivationCommand(_));
+        messages.retain(|one| one.store_id().is_blueprint() && !is_activation(one));
         let store = messages
             .first()
             .map_or(store, |first| first.store_id().clone());

@@ -1,15 +1,15 @@
 //! The facts of a run that are known before its first tick.
 
 use glam::Vec3;
-use model::{Joint, JointKind, Model, Robot};
-use nalgebra::{SMatrix, SVector, Vector3};
+use model::{Joint, JointKind, Model, Robot, unit_scaled};
+use nalgebra::{SVector, Vector3};
 use rerun::{ApplicationId, StoreId};
 use shared_types::MAX_DOF;
 use shared_types::job::Job;
 use shared_types::scenario::{Scenario, Segment};
 
 use crate::body::Body;
-use crate::manipulability::{at_point, singular_values};
+use crate::manipulability::{Jacobian, at_point};
 use crate::meshes::Meshes;
 use crate::pose::{Placement, placement, vec3};
 use crate::run::Rival;
@@ -109,12 +109,18 @@ impl<'a> Facts<'a> {
         ]
     }
 
-    /// Units of speeds and of loads, where joints have no limits.
+    /// Units of speeds and of loads in plots: shares of the limits where every joint has one.
     pub(crate) fn axis_units(&self) -> [&'static str; 2] {
-        match self.joint_units.split(' ').any(|unit| unit == "m") {
+        let slides = self.joint_units.split(' ').any(|unit| unit == "m");
+        let [speed, load] = match slides {
             true => [", rad/s or m/s", ", N·m or N"],
             false => [", rad/s", ", N·m"],
-        }
+        };
+        let of = |limits: &[f64], unit| match limits.iter().all(|limit| limit.is_finite()) {
+            true => " / limit",
+            false => unit,
+        };
+        [of(&self.limits.speed, speed), of(&self.limits.torque, load)]
     }
 
     pub(crate) fn joints(&self) -> usize {
@@ -161,11 +167,7 @@ impl<'a> Facts<'a> {
     }
 
     /// The Jacobian at the point that the report is of.
-    pub(crate) fn jacobian(
-        &self,
-        q: &SVector<f64, MAX_DOF>,
-        p_BC: [f64; 3],
-    ) -> SMatrix<f64, 6, MAX_DOF> {
+    pub(crate) fn jacobian(&self, q: &SVector<f64, MAX_DOF>, p_BC: [f64; 3]) -> Jacobian {
         let r_EC = Vector3::from(p_BC) - self.arm.forward_kinematics(q).p;
         at_point(self.arm.jacobian(q), &r_EC)
     }
@@ -177,7 +179,8 @@ impl<'a> Facts<'a> {
         let estimated = row.estimate.map(|estimate| &estimate.q);
         let q = estimated.or_else(|| row.q())?;
         let J = self.jacobian(&SVector::from(*q), report.p_BC);
-        Some(singular_values(&J, report.length_m, &self.task))
+        let scaled = unit_scaled(&J, report.length_m, &self.task);
+        Some(scaled.singular_values().into())
     }
 
     /// Half the length of the mark of a singularity the arm is in; m.

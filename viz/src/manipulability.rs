@@ -3,8 +3,12 @@
 use glam::{Mat3, Vec3};
 use nalgebra::{Matrix3, SMatrix, SVector, SymmetricEigen, Vector3};
 
+use shared_types::MAX_DOF;
+
 use crate::pose::vec3;
-use model::unit_scaled;
+
+/// One size for every arm: the columns of absent joints are zero.
+pub(crate) type Jacobian = SMatrix<f64, 6, MAX_DOF>;
 
 /// Which half of the twist an ellipsoid is of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,17 +29,13 @@ pub(crate) struct Ellipsoid {
 impl Ellipsoid {
     /// {J q̇ : |q̇_i| bounded in the ellipsoidal norm of the joints' speed limits}: half axes √λ(J diag(q̇_max²) Jᵀ). Where a joint has no limit,
     /// all count as equally fast.
-    pub(crate) fn velocity<const N: usize>(
-        J: &SMatrix<f64, 6, N>,
-        qdot_max: &SVector<f64, N>,
-        half: Half,
-    ) -> Self {
+    pub(crate) fn velocity(J: &Jacobian, qdot_max: &SVector<f64, MAX_DOF>, half: Half) -> Self {
         // A joint that does not move the frame, an absent one among them, does not count.
         let limited = qdot_max
             .iter()
             .enumerate()
             .all(|(i, limit)| limit.is_finite() || J.column(i).iter().all(|x| *x == 0.0));
-        let scaled = SMatrix::<f64, 6, N>::from_fn(|row, column| {
+        let scaled = Jacobian::from_fn(|row, column| {
             let limit = qdot_max[column];
             J[(row, column)]
                 * if limited && limit.is_finite() {
@@ -48,9 +48,9 @@ impl Ellipsoid {
     }
 
     /// {Λ⁻¹ F : |F| = 1}, accelerations for unit forces: half axes λ(J A⁻¹ Jᵀ); along a lost direction Λ is infinite. `None` without A⁻¹.
-    pub(crate) fn mobility<const N: usize>(
-        J: &SMatrix<f64, 6, N>,
-        A: &SMatrix<f64, N, N>,
+    pub(crate) fn mobility(
+        J: &Jacobian,
+        A: &SMatrix<f64, MAX_DOF, MAX_DOF>,
         half: Half,
     ) -> Option<Self> {
         let A_inverse = A.try_inverse()?;
@@ -77,27 +77,12 @@ impl Ellipsoid {
 }
 
 /// The Jacobian at C from that at E: v_C = v_E + ω × (p_C − p_E).
-pub(crate) fn at_point<const N: usize>(
-    mut J: SMatrix<f64, 6, N>,
-    r_EC: &Vector3<f64>,
-) -> SMatrix<f64, 6, N> {
+pub(crate) fn at_point(mut J: Jacobian, r_EC: &Vector3<f64>) -> Jacobian {
     let angular = J.fixed_rows::<3>(3).into_owned();
     let lever = -r_EC.cross_matrix() * angular;
     let mut linear = J.fixed_rows_mut::<3>(0);
     linear += lever;
     J
-}
-
-/// Singular values of J at C, largest first: lengths divided by `length_m`, rows that are no axes of the `task` zero.
-pub(crate) fn singular_values<const N: usize>(
-    J: &SMatrix<f64, 6, N>,
-    length_m: f64,
-    task: &[bool; 6],
-) -> [f64; 6]
-where
-    nalgebra::Const<6>: nalgebra::DimMin<nalgebra::Const<N>, Output = nalgebra::Const<6>>,
-{
-    unit_scaled(J, length_m, task).singular_values().into()
 }
 
 /// The linear block of W, or the angular one's section where nothing moves linearly: W_ωω − W_ωv W_vv⁺ W_vω.
@@ -122,13 +107,13 @@ fn pseudo_inverse(W: &Matrix3<f64>) -> Matrix3<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use model::{Model, Robot};
+    use model::{Model, Robot, unit_scaled};
 
     /// At each lock the ellipsoids are flat along a direction that no joint moves at C, and a singular value vanishes; elsewhere none does.
     #[test]
     fn ellipsoids_go_flat_along_the_lost_direction() {
         let robot = Robot::builtin("puma560").expect("built in");
-        let arm = Model::<6>::new(&robot, None).expect("six joints");
+        let arm = Model::new(&robot, None).expect("six joints");
         let elbow = [0.3, -0.9, 1.617_633_433_908_135_6, 0.2, 0.8, 0.1];
         let wrist = [0.35, -1.05, 2.97, 0.4, 0.0, 0.2];
         let free = [0.3, -0.9, 2.9, 0.2, 0.8, 0.1];
@@ -138,11 +123,11 @@ mod tests {
             (free, Half::Linear, false),
             (free, Half::Angular, false),
         ] {
-            let q = SVector::<f64, 6>::from(q);
+            let q = model::embedded(&q);
             // C, the wrist centre: where the axes of joints 4 to 6 meet.
             let r_EC = arm.link_poses(&q)[5].p - arm.forward_kinematics(&q).p;
             let J = at_point(arm.jacobian(&q), &r_EC);
-            let sigma = singular_values(&J, robot.length_m, &[true; 6]);
+            let sigma = unit_scaled(&J, robot.length_m, &[true; 6]).singular_values();
             assert_eq!(sigma[5] < 1e-6, is_locked, "{sigma:?}");
             let velocity = Ellipsoid::velocity(&J, arm.velocity(), half);
             let mobility = Ellipsoid::mobility(&J, &arm.mass_matrix(&q), half);

@@ -46,12 +46,10 @@ const PLOTTED: &[Signal] = {
         PositionError,
         OrientationError,
         TorqueTask,
-        TorqueNull,
         TorqueTaskRatio,
-        TorqueNullRatio,
-        PositionInRange,
-        Speed,
-        SpeedRatio,
+        DrawnNull,
+        DrawnPosition,
+        DrawnSpeed,
         Beta,
         Scale,
         Latency,
@@ -169,50 +167,46 @@ fn plots(facts: &Facts, recorded: &Recorded) -> Vec<serde_json::Value> {
         .iter()
         .map(|one| on_paper(one.colour))
         .collect();
-    let mut rows = vec![(
-        vec![nearness(recorded, facts.job, &own)],
-        "Below 1 the arm is treated as singular. Upright bands: control there is not the regular one (blending, tracking by null-space motion, reorienting, holding).",
-    )];
-    rows.push((
-        errors(facts, recorded),
-        "Desired against true pose, orthogonal to and along the singular directions ζ that the arm is inside of.",
-    ));
-    let colours = [GREY, BLUE].map(on_paper);
-    let force = panel(
-        recorded,
-        "force along its axis, N",
-        Signal::Pressed,
-        &colours,
-        "",
-    );
-    rows.push((
-        vec![force],
-        "The force of the segment along its axis: the set-point, and the simulator's true contact.",
-    ));
-    rows.push((
-        joints(facts, recorded),
-        "The joints; colours are the same in all four.",
-    ));
-    let mut latency = panel(
-        recorded,
-        "latency per hop, µs",
-        Signal::Latency,
-        &JOINTS.map(on_paper),
-        "",
-    );
-    latency.is_logarithmic = true;
-    rows.push((
-        vec![shares(recorded, &own), latency],
-        "The share of the hand in control (β), and how fast path time, task torque and null-space torque are let through; and the hops of each tick, the \
-         whole chain among them: in lockstep they say how fast the machine is, not how punctual.",
-    ));
+    let of = |title, signal, colours: &[Rgba]| panel(recorded, title, signal, colours, "");
+    let lines = [GREY, BLUE].map(on_paper);
+    let force = of("force along its axis, N", Signal::Pressed, &lines);
+    let lines = JOINTS.map(on_paper);
+    let latency = Plot {
+        is_logarithmic: true,
+        ..of("latency per hop, µs", Signal::Latency, &lines)
+    };
+    let rows = [
+        (
+            vec![nearness(recorded, facts.job, &own)],
+            "Below 1 the arm is treated as singular. Upright bands: control there is not the regular one (blending, tracking by null-space motion, reorienting, holding).",
+        ),
+        (
+            errors(facts, recorded),
+            "Desired against true pose, orthogonal to and along the singular directions ζ that the arm is inside of.",
+        ),
+        (
+            vec![force],
+            "The force of the segment along its axis: the set-point, and the simulator's true contact.",
+        ),
+        (
+            joints(facts, recorded),
+            "The joints; colours are the same in all four.",
+        ),
+        (
+            vec![shares(recorded, &own), latency],
+            "The share of the hand in control (β), and how fast path time, task torque and null-space torque are let through; and the hops of each tick, the \
+             whole chain among them: in lockstep they say how fast the machine is, not how punctual.",
+        ),
+    ];
     let row = |(plots, caption): (Vec<Plot>, &str)| {
         let is_alone = plots.len() == 1;
         let plots = plots.iter().filter(|plot| !plot.curves.is_empty());
         let plots = plots.map(|plot| drawn(plot, is_alone));
         json!({ "plots": plots.collect::<Vec<_>>(), "caption": caption })
     };
-    let rows = rows.into_iter().map(row);
+    // A goal is a line, too: without a record there is no plot.
+    let rows = rows.into_iter().filter(|_| !recorded.lines.is_empty());
+    let rows = rows.map(row);
     rows.filter(|row| !row["plots"][0].is_null()).collect()
 }
 
@@ -338,25 +332,22 @@ fn nearness(recorded: &Recorded, job: &Job, own: &[Rgba]) -> Plot {
 /// Torques, positions and speeds of the joints: over their limits, or, where some joint has none, themselves.
 fn joints(facts: &Facts, recorded: &Recorded) -> Vec<Plot> {
     use Signal::*;
-    let is_limited = |limits: &[f64]| limits.iter().all(|limit| limit.is_finite());
-    let [speed_unit, load_unit] = facts.axis_units();
-    let (task, null, load_unit) = match is_limited(&facts.limits.torque) {
-        true => (TorqueTaskRatio, TorqueNullRatio, " / limit"),
-        false => (TorqueTask, TorqueNull, load_unit),
-    };
-    let (speed, speed_unit) = match is_limited(&facts.limits.speed) {
-        true => (SpeedRatio, " / limit"),
-        false => (Speed, speed_unit),
+    let [speed, load] = facts.axis_units();
+    let is_limited = facts.limits.torque.iter().all(|limit| limit.is_finite());
+    let task = if is_limited {
+        TorqueTaskRatio
+    } else {
+        TorqueTask
     };
     let colours = JOINTS.map(on_paper);
     let of =
         |title, unit, signal| panel(recorded, &format!("{title}{unit}"), signal, &colours, "q");
-    let mut range = of("joints between their limits ±1", "", PositionInRange);
+    let mut range = of("joints between their limits ±1", "", DrawnPosition);
     range.range = Some(-1.05..1.05);
     vec![
-        of("hand torque, with gravity", load_unit, task),
-        of("null-space torque", load_unit, null),
+        of("hand torque, with gravity", load, task),
+        of("null-space torque", load, DrawnNull),
         range,
-        of("joint speeds", speed_unit, speed),
+        of("joint speeds", speed, DrawnSpeed),
     ]
 }

@@ -9,7 +9,7 @@ use shared_types::summary::FaultSummary;
 use shared_types::topics::CHAIN;
 
 use crate::entity;
-use crate::narration::NO_FAULT;
+use crate::narration::{NO_FAULT, capital};
 use crate::run::{Event, Happened, Level};
 use crate::signals::TickRow;
 
@@ -102,10 +102,7 @@ impl Fault {
 
 /// A fault for its lane, `controller kill`, and for the headline, `Controller killed`.
 fn words(fault: &FaultSummary) -> (String, String) {
-    let mut process = fault.process.clone();
-    if let Some(first) = process.get_mut(..1) {
-        first.make_ascii_uppercase();
-    }
+    let process = capital(&fault.process);
     let (lane, ended) = (
         format!("{} {}", fault.process, fault.kind),
         format!("{process} ended"),
