@@ -74,15 +74,13 @@ class Run:
 
     def arrow(self, table="signals"):
         """The signals, one row per tick (or "events"), as a `pyarrow.Table`. Each field's metadata has `unit` and `description`."""
-        import io
-
         try:
             from pyarrow import parquet
         except ImportError as error:
             raise ImportError(f"{error}: pip install 'armplane[notebook]'") from error
         with tempfile.TemporaryDirectory() as folder:
             _armplane("export", self.folder, "--format", "parquet", "--out", folder)
-            return parquet.read_table(io.BytesIO((pathlib.Path(folder) / f"{table}.parquet").read_bytes()))
+            return parquet.read_table(f"{folder}/{table}.parquet")
 
     def pandas(self, table="signals"):
         """The same as a `pandas.DataFrame`. For polars, call `polars.from_arrow(run.arrow())`."""
