@@ -174,7 +174,7 @@ impl<const N: usize> Controller<N> {
             state.refusal = Refusal::Route;
         }
         let setup = Setup {
-            drives: Drives::of(&model, scenario.dt_s()),
+            drives: Drives::of(&model, robot.gravity, scenario.dt_s()),
             model,
             family,
             task: robot.task.0,

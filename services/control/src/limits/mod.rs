@@ -68,7 +68,9 @@ pub(crate) fn apply<const N: usize>(
         bias += bearing;
     }
     if control.compensate_disturbance {
-        bias = setup.drives.compensating(bias, now.tau_disturbance);
+        bias = setup
+            .drives
+            .compensating(bias, now.tau_disturbance, &now.terms.J);
     }
     Ok(setup.drives.send(&mut state.sent, &bias, &parts))
 }

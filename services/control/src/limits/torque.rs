@@ -4,9 +4,9 @@
 
 use super::{Parts, shares};
 use model::Model;
-use nalgebra::SVector;
+use nalgebra::{SMatrix, SVector, Vector3};
 
-/// Share of a torque limit up to which a disturbance is compensated: payload and friction take less, a contact is not pressed against.
+/// Share of a torque limit up to which a disturbance is compensated beside the weight of a payload: friction takes less, a contact is not pressed against.
 const COMPENSATED: f64 = 0.25;
 
 /// The drives of an arm.
@@ -16,6 +16,8 @@ pub struct Drives<const N: usize> {
     pub effort: SVector<f64, N>,
     /// Largest change of each torque in a tick, N·m.
     pub step: SVector<f64, N>,
+    /// Acceleration of free fall, base axes, m/s².
+    pub fall: Vector3<f64>,
 }
 
 /// The torque of a tick and its parts: what the next one may differ from by a rate.
@@ -50,25 +52,34 @@ fn mask<const N: usize>(is_set: impl Fn(usize) -> bool) -> u32 {
 }
 
 impl<const N: usize> Drives<N> {
-    /// Those of `model` in ticks of `dt` s.
+    /// Those of `model` in ticks of `dt` s, where a body falls with `fall`, m/s².
     #[must_use]
-    pub fn of(model: &Model<N>, dt: f64) -> Self {
+    pub fn of(model: &Model<N>, fall: Vector3<f64>, dt: f64) -> Self {
         Self {
             effort: *model.effort(),
             step: model.torque_rate() * dt,
+            fall,
         }
     }
 
-    /// Gravity, Coriolis and what is compensated of a disturbance, up to a share of each limit: `bias` less `disturbance`, N·m.
+    /// Gravity, Coriolis and what is compensated of a disturbance: `bias` less `disturbance`, N·m, up to a share of each limit beside the torque of the
+    /// mass at E that explains most of the disturbance. A force that no mass has, upwards, is no payload's.
+    ///
+    /// Shapes N, `J` 6×N at E in base axes
     #[must_use]
     #[inline]
     pub fn compensating(
         &self,
         bias: SVector<f64, N>,
         disturbance: &SVector<f64, N>,
+        J: &SMatrix<f64, 6, N>,
     ) -> SVector<f64, N> {
-        bias - disturbance.zip_map(&self.effort, |tau, limit| {
-            tau.clamp(-COMPENSATED * limit, COMPENSATED * limit)
+        let per_kg = J.fixed_rows::<3>(0).tr_mul(&self.fall);
+        let mass_kg = per_kg.dot(disturbance) / per_kg.norm_squared().max(f64::MIN_POSITIVE);
+        let weight = per_kg * mass_kg.max(0.0);
+        bias - SVector::from_fn(|i, _| {
+            let most = COMPENSATED * self.effort[i];
+            disturbance[i].clamp(weight[i].min(0.0) - most, weight[i].max(0.0) + most)
         })
     }
 
@@ -176,6 +187,24 @@ mod tests {
         prop::array::uniform2(-most..most).prop_map(Vector2::from)
     }
 
+    /// Two sliding joints, one upright: a push downwards is a payload's, one upwards a contact's.
+    #[test]
+    fn a_payload_is_carried_and_a_contact_is_not_pressed_against() {
+        let mut J = SMatrix::zeros();
+        (J[(2, 0)], J[(0, 1)]) = (1.0, 1.0);
+        let drives = Drives {
+            effort: Vector2::repeat(20.0),
+            step: Vector2::repeat(1.0),
+            fall: Vector3::new(0.0, 0.0, -9.81),
+        };
+        let given = |push| drives.compensating(Vector2::zeros(), &push, &J);
+        assert_eq!(
+            given(Vector2::new(-8.0, 8.0)).map(f64::round),
+            Vector2::new(8.0, -5.0)
+        );
+        assert_eq!(given(Vector2::new(8.0, 3.0)), Vector2::new(-5.0, -3.0));
+    }
+
     proptest! {
         #[test]
         fn limits_and_rates_hold_and_the_null_space_goes_first(
@@ -185,7 +214,7 @@ mod tests {
         ) {
             let effort = Vector2::new(20.0, 10.0);
             let step = if slow { Vector2::new(1.0, 0.5) } else { Vector2::repeat(100.0) };
-            let drives = Drives { effort, step };
+            let drives = Drives { effort, step, fall: Vector3::zeros() };
             let mut sent = Sent { tau, path: Vector2::zeros(), null: Vector2::zeros() };
             let out = drives.send(&mut sent, &bias, &Parts { null, path, rest });
             for i in 0..2 {

@@ -44,7 +44,7 @@ impl<const N: usize> Targets<N> {
         Self {
             analyzer: Analyzer::new(robot, &scenario.analysis),
             dof: robot.dof(),
-            drives: Drives::of(model, scenario.dt_s()),
+            drives: Drives::of(model, robot.gravity, scenario.dt_s()),
         }
     }
 }

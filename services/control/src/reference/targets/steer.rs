@@ -190,7 +190,9 @@ impl<const N: usize> Controller<N> {
         let feedback = (q_r - inputs.q) * control.k_p + (qdot_r - inputs.qdot) * control.k_v;
         let mut bias = terms.bias();
         if control.compensate_disturbance {
-            bias = targets.drives.compensating(bias, inputs.tau_disturbance);
+            bias = targets
+                .drives
+                .compensating(bias, inputs.tau_disturbance, &terms.J);
         }
         let null = self.state.targets.sent.null;
         let parts = Parts {
