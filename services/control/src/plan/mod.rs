@@ -14,7 +14,7 @@
 //!
 //! **When it gives up.** After 40,000 steps in a leg (more in a long curve), or with a layer that has no posture. A first search without further ways is enough where its
 //! route takes no longer than the path; else the spare joint's posture is chosen anew for time ([`ease`]), and a second search adds layers where that
-//! route is nearest to a singular posture: the quicker route is kept. [`Infeasible`] gives the reason otherwise, and whether everything was tried.
+//! route is nearest to a singular posture: the quicker route is kept. [`Infeasible`] gives the reason otherwise, and how much was covered.
 //!
 //! The route's own clock u runs as the path's does, but also while the path waits ([`schedule`]). PURE and deterministic; allocates.
 
@@ -65,8 +65,21 @@ pub struct Infeasible {
     pub time_s: f64,
     /// The cause of its end.
     pub obstacle: Obstacle,
-    /// Whether all branches, self-motions in locks and full turns were tried: there is no route. Else none was found.
-    pub is_exhausted: bool,
+    /// How much the search has covered.
+    pub covered: Covered,
+}
+
+/// How much a search has covered that found no route.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Covered {
+    /// All branches, self-motions in locks and full turns: there is no route.
+    All,
+    /// A sample of the spare joints' motions.
+    SpareJoints,
+    /// A sample of the ways past a lock within the deviation allowed.
+    PastLocks,
+    /// What could be tried within the bounds of a search.
+    Bounded,
 }
 
 /// The cause of the best route's end.
@@ -451,9 +464,12 @@ impl<'a, const N: usize> Route<'a, N> {
             leg: self.progress.leg,
             time_s: far.t,
             obstacle,
-            is_exhausted: !has_spare_joints(request)
-                && !self.search.passes_locks()
-                && obstacle != Obstacle::Undecided,
+            covered: match obstacle {
+                Obstacle::Undecided => Covered::Bounded,
+                _ if has_spare_joints(request) => Covered::SpareJoints,
+                _ if self.search.passes_locks.get() => Covered::PastLocks,
+                _ => Covered::All,
+            },
         })
     }
 

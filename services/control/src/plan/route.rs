@@ -250,7 +250,7 @@ pub(super) struct Search<'a, const N: usize> {
     /// Distance kept from every joint limit, rad (m).
     clear: f64,
     /// Whether a route came near a lock without being in it: within the deviation allowed there may be ways that are not searched.
-    passes_locks: Cell<bool>,
+    pub(super) passes_locks: Cell<bool>,
 }
 
 impl<'a, const N: usize> Search<'a, N> {
@@ -277,11 +277,6 @@ impl<'a, const N: usize> Search<'a, N> {
             clear: CLEAR,
             passes_locks: Cell::new(false),
         }
-    }
-
-    /// Whether a route came near a lock without being in it.
-    pub(super) fn passes_locks(&self) -> bool {
-        self.passes_locks.get()
     }
 
     /// Whether a way on has been left out, so that a dead end proves nothing: by the budget, by the most postures of a layer, by the longest
@@ -526,6 +521,13 @@ impl<'a, const N: usize> Search<'a, N> {
         if crosses || stuck && near || spectrum.smallest() < LOCKED {
             for knots in self.folds(leg, &q, &spectrum, t0, t1) {
                 out.extend(self.push_node(leg, node, knots, &ways[0]));
+            }
+        }
+        // In a lock, the rest of a path may be no more than rounding, which no posture follows exactly.
+        if out.is_empty() && stuck && near {
+            let plain = Way::plain(ways[0].drift);
+            if let Ok(knots) = self.follow(leg, &q, &heading, (t0, t1), &plain) {
+                out.extend(self.push_node(leg, node, knots, &plain));
             }
         }
         out

@@ -3,7 +3,7 @@
 use crate::limits::clock::MARGIN;
 use crate::plan::request::analyse;
 use crate::plan::schedule::SLOWEST;
-use crate::plan::{Infeasible, Obstacle, PathPlan, Remedy, Request, plan, remedy};
+use crate::plan::{Covered, Infeasible, Obstacle, PathPlan, Remedy, Request, plan, remedy};
 use crate::reference::path::Path;
 use crate::reference::turn::{self, Room};
 use crate::setup::{SetupError, posture_goals, start_posture};
@@ -238,28 +238,36 @@ fn words(robot: &Robot, infeasible: &Infeasible) -> String {
         leg,
         time_s,
         obstacle,
-        is_exhausted,
+        covered,
     } = infeasible;
-    let (found, tried) = if *is_exhausted {
-        ("no route", "")
+    let tried = match covered {
+        Covered::All => "every route",
+        Covered::SpareJoints => "every route tried, with a sample of the spare joints' motions",
+        Covered::PastLocks => {
+            "every route tried, with a sample of the ways past a lock that the deviation allows"
+        }
+        Covered::Bounded => "every route tried before the search was cut short",
+    };
+    let found = if *covered == Covered::All {
+        ""
     } else {
-        ("no route found", " that the search tried")
+        " found"
     };
     let reason = match obstacle {
         Obstacle::Limit { joint, limit } => {
             let Joint { name, kind, .. } = &robot.joints[*joint];
             let (limit, [unit, _]) = (kind.shown(*limit), kind.units());
             format!(
-                "joint {} ({name}) would pass its limit of {limit:.1}{unit}, on every route{tried}",
+                "joint {} ({name}) would pass its limit of {limit:.1}{unit}, on {tried}",
                 joint + 1
             )
         }
         Obstacle::Reach => "the path leaves the reachable space, between reachable ends".to_owned(),
-        Obstacle::Discontinuous | Obstacle::Undecided => format!(
-            "the poses from there on belong to other postures of the arm, on every route{tried}"
-        ),
+        Obstacle::Discontinuous | Obstacle::Undecided => {
+            format!("the poses from there on belong to other postures of the arm, on {tried}")
+        }
     };
-    format!("{found} from this start posture: at {time_s:.2} s (segment {leg}) {reason}")
+    format!("no route{found} from this start posture: at {time_s:.2} s (segment {leg}) {reason}")
 }
 
 /// A remedy, as a clause.
