@@ -1,6 +1,6 @@
 //! One tick: state in, state out.
 //!
-//! [`Controller::step`] checks the inputs; [`tick`] is the law on a state that can be trusted, in seven calls; [`Controller::rest`] brings the arm to rest
+//! [`Controller::step`] checks the inputs; [`tick`] is the law on a state that can be trusted, in seven calls; [`rest`] brings the arm to rest
 //! where there is no law to follow.
 
 use crate::centre::{AtCentre, PoseMotion};
@@ -150,43 +150,8 @@ impl<const N: usize> Controller<N> {
         if is_steered {
             self.steer(inputs, terms)
         } else {
-            self.act(inputs, terms)
+            act(&self.setup, &mut self.state, inputs, terms)
         }
-    }
-
-    /// The tick on an arm in a state that is plausible; while the law has refused, the arm is brought to rest.
-    pub(crate) fn act(&mut self, inputs: &Inputs<'_, N>, terms: &Terms<N>) -> Command<N> {
-        let Inputs {
-            q,
-            qdot,
-            tau_disturbance,
-            wrist_n,
-            report,
-            ..
-        } = *inputs;
-        if self.state.refusal != Refusal::None {
-            return self.rest(Some((terms, qdot)));
-        }
-        let now = Now {
-            q,
-            qdot,
-            tau_disturbance,
-            wrist_n,
-            report,
-            terms,
-            at: &AtCentre::new(terms, &report.p_BC, &terms.omega[N - 1]),
-            p_EC: &(terms.X_BE.R.transpose() * (report.p_BC - terms.X_BE.p)),
-        };
-        let refusal = match tick(&self.setup, &self.state, &now) {
-            Ok((state, command)) if is_finite(&command.tau) => {
-                self.state = state;
-                return beyond_reach::marked(command, &self.setup);
-            }
-            Ok(_) => Refusal::Torque,
-            Err(refusal) => refusal,
-        };
-        self.state.refusal = refusal;
-        self.rest(Some((terms, qdot)))
     }
 
     /// Refuses to go on, from now on: for errors found before the law is evaluated.
@@ -201,9 +166,10 @@ impl<const N: usize> Controller<N> {
     ) -> Command<N> {
         self.state.refusal = why;
         if is_finite(q) && is_finite(qdot) {
-            self.rest(Some((&self.setup.model.evaluate(q, qdot), qdot)))
+            let terms = self.setup.model.evaluate(q, qdot);
+            rest(&self.setup, &mut self.state, Some((&terms, qdot)))
         } else {
-            self.rest(None)
+            rest(&self.setup, &mut self.state, None)
         }
     }
 
@@ -222,7 +188,7 @@ impl<const N: usize> Controller<N> {
         }
         let Plausible { q, qdot, .. } = self.state.plausible;
         let terms = self.setup.model.evaluate(&q, &qdot);
-        let rest = self.rest(Some((&terms, &qdot)));
+        let rest = rest(&self.setup, &mut self.state, Some((&terms, &qdot)));
         let goes_on = self.targets.is_some() && targets::goes_on(self.state.refusal);
         if self.state.refusal != Refusal::None && !goes_on {
             return rest;
@@ -251,32 +217,76 @@ impl<const N: usize> Controller<N> {
             ..rest
         }
     }
+}
 
-    /// The arm brought to rest, within the limits and the torque rates: gravity and Coriolis held, each joint's speed damped through the whole mass
-    /// matrix, so that no joint is thrown by the braking of another; zero torque where the state is not known.
-    fn rest(&mut self, known: Option<(&Terms<N>, &SVector<f64, N>)>) -> Command<N> {
-        // Before a limit an arm has the shortest way to stop in.
-        let damping = self.setup.scenario.control.k_v
-            * if self.state.refusal == Refusal::Limit {
-                1.0
-            } else {
-                0.5
-            };
-        let zero = SVector::zeros();
-        let (bias, rest) = known
-            .map(|(terms, qdot)| (terms.bias(), terms.A * qdot * -damping))
-            .filter(|(bias, rest)| is_finite(bias) && is_finite(rest))
-            .unwrap_or((zero, zero));
-        let parts = Parts {
-            rest,
-            ..Parts::zero()
-        };
-        let limited = self.setup.drives.send(&mut self.state.sent, &bias, &parts);
-        let desired = self.setup.path.place(&self.state.progress).moving(0.0, 0.0);
-        Command {
-            // The pose at which the path stopped, against which the arm is judged.
-            X_BE_d: desired.pose(),
-            ..command::resting(&self.state, &limited)
+/// The tick on an arm in a state that is plausible; while the law has refused, the arm is brought to rest.
+pub(crate) fn act<const N: usize>(
+    setup: &Setup<N>,
+    state: &mut State<N>,
+    inputs: &Inputs<'_, N>,
+    terms: &Terms<N>,
+) -> Command<N> {
+    let Inputs {
+        q,
+        qdot,
+        tau_disturbance,
+        wrist_n,
+        report,
+        ..
+    } = *inputs;
+    if state.refusal != Refusal::None {
+        return rest(setup, state, Some((terms, qdot)));
+    }
+    let now = Now {
+        q,
+        qdot,
+        tau_disturbance,
+        wrist_n,
+        report,
+        terms,
+        at: &AtCentre::new(terms, &report.p_BC, &terms.omega[N - 1]),
+        p_EC: &(terms.X_BE.R.transpose() * (report.p_BC - terms.X_BE.p)),
+    };
+    let refusal = match tick(setup, state, &now) {
+        Ok((next, command)) if is_finite(&command.tau) => {
+            *state = next;
+            return beyond_reach::marked(command, setup);
         }
+        Ok(_) => Refusal::Torque,
+        Err(refusal) => refusal,
+    };
+    state.refusal = refusal;
+    rest(setup, state, Some((terms, qdot)))
+}
+
+/// The arm brought to rest, within the limits and the torque rates: gravity and Coriolis held, each joint's speed damped through the whole mass
+/// matrix, so that no joint is thrown by the braking of another; zero torque where the state is not known.
+fn rest<const N: usize>(
+    setup: &Setup<N>,
+    state: &mut State<N>,
+    known: Option<(&Terms<N>, &SVector<f64, N>)>,
+) -> Command<N> {
+    // Before a limit an arm has the shortest way to stop in.
+    let damping = setup.scenario.control.k_v
+        * if state.refusal == Refusal::Limit {
+            1.0
+        } else {
+            0.5
+        };
+    let zero = SVector::zeros();
+    let (bias, rest) = known
+        .map(|(terms, qdot)| (terms.bias(), terms.A * qdot * -damping))
+        .filter(|(bias, rest)| is_finite(bias) && is_finite(rest))
+        .unwrap_or((zero, zero));
+    let parts = Parts {
+        rest,
+        ..Parts::zero()
+    };
+    let limited = setup.drives.send(&mut state.sent, &bias, &parts);
+    let desired = setup.path.place(&state.progress).moving(0.0, 0.0);
+    Command {
+        // The pose at which the path stopped, against which the arm is judged.
+        X_BE_d: desired.pose(),
+        ..command::resting(state, &limited)
     }
 }

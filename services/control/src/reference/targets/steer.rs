@@ -15,7 +15,7 @@ use crate::linear::{angular, linear, rotation_log, smoothstep, stack};
 use crate::paper::operational_space::Cholesky;
 use crate::reference::path::{HORIZON_S, Progress};
 use crate::state::State;
-use crate::tick::Inputs;
+use crate::tick::{self, Inputs};
 use crate::types::{Command, Phase, Refusal, Report};
 use model::{Pose, Terms};
 use nalgebra::{SVector, Vector3, Vector6};
@@ -79,9 +79,9 @@ impl<const N: usize> Controller<N> {
             rank: inputs.report.rank,
             ..targets.analyzer.listed(&q_r, &qdot_r, &reference)
         };
-        let (dt, given) = (self.setup.scenario.dt_s(), (inputs.target, targets.dof));
-        let held = &mut self.state.targets;
-        held.take(given, inputs.tick, session.duration_s, dt);
+        let dt = self.setup.scenario.dt_s();
+        let ends = inputs.tick as f64 * dt >= session.duration_s;
+        (self.state.targets).take(inputs.target, targets.dof, inputs.tick, ends);
         let behind = reference.X_BE.p - terms.X_BE.p;
         let asked = self
             .state
@@ -135,24 +135,31 @@ impl<const N: usize> Controller<N> {
         wish: &Wish,
         reference: &Terms<N>,
     ) -> Command<N> {
-        // From here to the exchange back, the torque sent is that of the reference arm.
-        std::mem::swap(&mut self.state.sent, &mut self.state.targets.sent);
-        let command = if self.state.targets.goes_by_joints() {
-            let limited = self.state.move_joints(&self.setup, wish, reference);
+        // The law's state of the reference arm, whose torque is its own.
+        let mut law = State {
+            sent: self.state.targets.sent,
+            ..self.state
+        };
+        let command = if law.targets.goes_by_joints() {
+            let limited = law.move_joints(&self.setup, wish, reference);
             Command {
                 phase: Phase::Running,
-                V_BE_d: self.state.targets.V,
+                V_BE_d: law.targets.V,
                 time_scale: 1.0,
                 limited: Limited {
                     null_scale: 0.0,
                     ..limited
                 },
-                ..command::resting(&self.state, &limited)
+                ..command::resting(&law, &limited)
             }
         } else {
-            self.act(inputs, reference)
+            tick::act(&self.setup, &mut law, inputs, reference)
         };
-        std::mem::swap(&mut self.state.sent, &mut self.state.targets.sent);
+        law.targets.sent = law.sent;
+        self.state = State {
+            sent: self.state.sent,
+            ..law
+        };
         command
     }
 
@@ -266,7 +273,7 @@ impl<const N: usize> State<N> {
             };
             self.loops = self.loops.map(next);
         } else if !targets.stops.now {
-            targets.lead_on(&lead, &wish.V, (arm, &behind), (session, dt));
+            targets.lead_on(&lead, &wish.V, arm, &behind, session, dt);
         }
         self.progress = Progress {
             begun: true,
@@ -315,8 +322,10 @@ impl<const N: usize> TargetState<N> {
         &mut self,
         lead: &Lead,
         V: &Vector6<f64>,
-        (arm, behind): (&Pose, &Vector3<f64>),
-        (session, dt): (&Servo, f64),
+        arm: &Pose,
+        behind: &Vector3<f64>,
+        session: &Servo,
+        dt: f64,
     ) {
         let back;
         (self.X, back) = lead.hold(&self.X, arm);
@@ -368,13 +377,7 @@ impl<const N: usize> TargetState<N> {
     }
 
     /// Takes a target in, or refuses and counts it: once for each time at which one was given.
-    fn take(
-        &mut self,
-        (target, dof): (Option<&TargetContent>, usize),
-        tick: u64,
-        duration_s: f64,
-        dt: f64,
-    ) {
+    fn take(&mut self, target: Option<&TargetContent>, dof: usize, tick: u64, ends: bool) {
         self.tick = tick;
         if let Some(target) = target.filter(|target| **target != self.held) {
             // A checkpoint has room for all ticks but the last.
@@ -399,7 +402,7 @@ impl<const N: usize> TargetState<N> {
                 Err(_) => {}
             }
         }
-        let is_over = self.held.kind == TARGET_END || tick as f64 * dt >= duration_s;
+        let is_over = self.held.kind == TARGET_END || ends;
         self.over = self.over.or(is_over.then_some(tick));
     }
 
