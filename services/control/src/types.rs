@@ -156,6 +156,8 @@ pub struct Singularity<const N: usize> {
     pub R_BS: Matrix3<f64>,
     /// Velocity along ζ_i per auxiliary rate, signed; m or 1.
     pub gain: f64,
+    /// Share of `gain` that a vector measure lacks, 0 to 1, because `aux_row` has not turned towards it yet. Not on the wire.
+    pub askew: f64,
     /// Auxiliary coordinate, rad.
     pub aux: f64,
     /// Its rate, rad/s.
@@ -164,7 +166,7 @@ pub struct Singularity<const N: usize> {
     pub aux_bias: f64,
     /// Its gradient.
     pub aux_row: SVector<f64, N>,
-    /// Second-order motion along ζ per null motion: > 0 is a fold.
+    /// Second-order motion along ζ per null motion: > 0 is a fold. Of a vector measure of type 2 or mixed: along `aux_row`.
     pub kappa_1: f64,
     /// Turning rate of ζ along the null motion that `aux` counts; positive about the singular frame's second axis.
     pub kappa_2: f64,
@@ -207,6 +209,7 @@ impl<const N: usize> Singularity<N> {
             zeta_B: Vector6::zeros(),
             R_BS: Matrix3::zeros(),
             gain: 0.0,
+            askew: 0.0,
             aux: 0.0,
             aux_rate: 0.0,
             aux_bias: 0.0,

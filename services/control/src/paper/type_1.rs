@@ -22,6 +22,27 @@ pub struct Fold {
     pub clipped: bool,
 }
 
+impl Fold {
+    /// A fold at `x` to be opened by `size` = |x_d|, where what opens it grows by `growth` = slope·d|x_d|/dt, 1/s: rate = growth·slope/(slope² +
+    /// damping²), and 0 beyond reach.
+    pub(crate) fn new(
+        x: f64,
+        size: f64,
+        growth: f64,
+        slope: f64,
+        damping: f64,
+        clipped: bool,
+    ) -> Self {
+        let rate = growth * slope / (slope * slope + damping * damping);
+        Self {
+            x,
+            size,
+            rate: if clipped { 0.0 } else { rate },
+            clipped,
+        }
+    }
+}
+
 /// The coordinate's target: x_d = side·|x_d|.
 ///
 /// The side is kept, or taken from `branch` (−1, +1; 0: keep) in the neighbourhood of the singularity. Goals beyond reach slide along the boundary, and a goal

@@ -107,6 +107,9 @@ impl<const N: usize> Turn<'_, N> {
     }
 }
 
+/// |mean| of the curvatures over their half difference from which on they are of one sign, or all but: a fold.
+const ONE_SIDED: f64 = 0.8;
+
 /// Where the auxiliary row should be inside, in the axes a and b: strongest curvature, or the self-motion. `None`: as it is.
 fn preferred(class: Class, [aa, ab, bb]: [f64; 3]) -> Option<[f64; 2]> {
     // C = mean + radius·cos 2(ψ − ψ₀).
@@ -122,8 +125,7 @@ fn preferred(class: Class, [aa, ab, bb]: [f64; 3]) -> Option<[f64; 2]> {
             0.0
         };
     let angle = match class {
-        Class::Type1 => strongest,
-        Class::Mixed if mean.abs() < radius => {
+        Class::Mixed if mean.abs() < ONE_SIDED * radius => {
             let away = 0.5 * libm::acos((-mean / radius).clamp(-1.0, 1.0));
             let first = 0.5 * libm::atan2(ab, half);
             // The nearer of the two self-motions.
@@ -134,7 +136,7 @@ fn preferred(class: Class, [aa, ab, bb]: [f64; 3]) -> Option<[f64; 2]> {
                 first - away
             }
         }
-        _ => return None,
+        _ => strongest,
     };
     let (sin, cos) = libm::sincos(angle);
     Some([cos, sin])

@@ -62,18 +62,7 @@ pub(super) fn fold(theta: f64, [cos_d, cos_rate]: [f64; 2]) -> Fold {
     // Rounding at the boundary itself is not a goal beyond it: 1e-7 is 0.02 µm.
     let clipped = cos_d.abs() > 1.0 + 1e-7;
     let size = libm::acos(cos_d.clamp(-1.0, 1.0));
-    let sin_d = libm::sin(size);
-    let rate = if clipped {
-        0.0
-    } else {
-        -cos_rate * sin_d / (sin_d * sin_d + MU * MU)
-    };
-    Fold {
-        x: theta,
-        size,
-        rate,
-        clipped,
-    }
+    Fold::new(theta, size, -cos_rate, libm::sin(size), MU, clipped)
 }
 
 /// Upper arm and forearm in the plane normal to an elbow's axis.

@@ -236,7 +236,7 @@ impl<const N: usize> Family<N> {
         memory: &mut Memory,
     ) -> Option<Direction> {
         if self.measures_vectors() {
-            reference::direction(s, at, memory)
+            reference::direction(s, at, self.length_m, memory)
         } else {
             reference::signed(s, at, self.length_m, memory)
         }

@@ -6,7 +6,7 @@ use super::tracker::SMALLEST;
 use crate::linear::{angular, linear, rotation_log, sign, smoothstep, wrap_line};
 use crate::paper::reference::Memory;
 use crate::paper::type_1::{Fold, SIDE_CHANGE};
-use crate::paper::type_2::{Direction, TURNS};
+use crate::paper::type_2::Direction;
 use crate::types::{Class, Singularity};
 use nalgebra::{Vector3, Vector6};
 use shared_types::bounds::within;
@@ -21,6 +21,16 @@ const BEYOND_REACH: f64 = -1e-7;
 
 /// Damping of the gain where the path is followed, as a share of what it is at η_in; and the largest error answered to, rad.
 const FOLLOW: (f64, f64) = (0.2, 0.1);
+
+/// Curvature along a that is hardly any, unit-scaled.
+const BENT: f64 = 1e-3;
+
+/// Share of the gain below which both sides of a fold are as good; how far each is looked along, what one must have more in room, and the distance from
+/// a joint limit at which the coordinate is not driven on, rad.
+const UNSETTLED: f64 = 0.1;
+const FAR: f64 = 2.0;
+const NARROW: f64 = 0.1;
+const ENDS_BEFORE: f64 = 0.02;
 
 /// Rate at which a neighbourhood is left along the self-motion, rad/s.
 const LEAVE: f64 = 0.8;
@@ -83,45 +93,43 @@ pub(super) fn fold<const N: usize>(
     }
     let per_curvature = -1.0 / s.kappa_1;
     let square = s.aux * s.aux + 2.0 * per_curvature * s.zeta_B.dot(at.error);
-    let (clipped, size) = (square < BEYOND_REACH, square.max(0.0).sqrt());
-    let damped = size * size + damping * damping;
-    let rate = if clipped {
-        0.0
-    } else {
-        per_curvature * along(s, at) * size / damped
-    };
-    Some(Fold {
-        x: s.aux,
-        size,
-        rate,
-        clipped,
-    })
+    let size = square.max(0.0).sqrt();
+    let growth = per_curvature * along(s, at);
+    let clipped = square < BEYOND_REACH;
+    Some(Fold::new(s.aux, size, growth, size, damping, clipped))
 }
 
-/// How far the auxiliary coordinate of a vector measure moves: as the path needs it to the first order, damped.
+/// How far the auxiliary coordinate of a vector measure moves: as the path needs it to the second order, damped.
 ///
-/// At the lock itself that leaves an error along ζ. Only then the type decides: the lock is left along the self-motion, or ζ turned out of the way.
+/// At the lock that leads nowhere if a has no curvature towards the path. Only then the type decides: the lock is left along the self-motion, or ζ
+/// turned out of the way.
 pub(super) fn direction<const N: usize>(
     s: &Singularity<N>,
     at: &Situation<'_, N>,
+    length_m: f64,
     memory: &mut Memory,
 ) -> Option<Direction> {
     let (share, times) = if memory.passing { AGAIN } else { (1.0, 1.0) };
     let most = share * if s.angular { LOST.1 } else { LOST.0 };
-    let is_lost = s.s < times * FOUND && s.zeta_B.dot(at.error).abs() > most;
+    let x = s.zeta_B.dot(at.error);
+    let is_lost = s.s < times * FOUND && x.abs() > most;
+    // What hardly bends has its vertex too far away to be a place to go to.
+    let least = BENT * if s.angular { 1.0 } else { length_m };
+    let is_bent = s.s < s.eta_out && s.kappa_1.abs() > least;
+    let k = if is_bent { -s.kappa_1 } else { 0.0 };
     let strategy = match s.class {
         Class::Mixed | Class::Type2 if at.clips && slides(s, at, memory) => Some(Direction {
             weight: 1.0,
             clipped: true,
             ..Direction::default()
         }),
-        Class::Mixed if is_lost => Some(leave(s, at, memory)),
-        Class::Type2 if is_lost => aside(s, at, memory),
+        Class::Mixed if is_lost && !is_bent => Some(leave(s, at, memory)),
+        Class::Type2 if is_lost && k * x <= 0.0 => aside(s, at, memory),
         _ => None,
     };
     strategy.or_else(|| {
         memory.passing = false;
-        Some(follow(s, at))
+        Some(follow(s, at, k, memory))
     })
 }
 
@@ -133,8 +141,13 @@ fn half<const N: usize>(s: &Singularity<N>, V: &Vector6<f64>) -> Vector3<f64> {
 /// The desired motion along ζ without the share that the kept motion has along it, which the auxiliary coordinate does not repeat; m/s or rad/s.
 fn along<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>) -> f64 {
     let moved = s.zeta_B.dot(&(at.at.J * at.qdot_planned));
-    let carried = moved - s.gain * s.aux_row.dot(at.qdot_planned);
+    let carried = moved - slope(s) * s.aux_row.dot(at.qdot_planned);
     s.zeta_B.dot(&at.desired.V) - carried
+}
+
+/// Velocity along ζ per rate of the coordinate, whatever direction that has; m or 1.
+fn slope<const N: usize>(s: &Singularity<N>) -> f64 {
+    s.gain * (1.0 - s.askew)
 }
 
 /// The rest of the leg, in the half that ζ takes; rad or m.
@@ -337,15 +350,42 @@ fn slides<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>, memory: &mu
     memory.holding
 }
 
-/// The auxiliary coordinate follows the path: g·ẏ is the desired motion along ζ less what the kept motion carries there, damped.
-fn follow<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>) -> Direction {
-    let entry = FOLLOW.0 * s.gain * s.eta_in / s.s.max(SMALLEST);
-    let inverse = s.gain / (s.gain * s.gain + entry * entry).max(SMALLEST);
-    let error = s.zeta_B.dot(at.error) * inverse;
+/// The auxiliary coordinate follows the path: g·y + k·y²/2 is the desired motion along ζ less what the kept motion carries there, damped.
+///
+/// Where no y leads that far, that with the farthest is taken, and the goal is beyond reach.
+fn follow<const N: usize>(
+    s: &Singularity<N>,
+    at: &Situation<'_, N>,
+    k: f64,
+    memory: &mut Memory,
+) -> Direction {
+    let (x, g) = (s.zeta_B.dot(at.error), slope(s));
+    let square = g * g + 2.0 * k * x;
+    let root = square.max(0.0).sqrt();
+    let clipped = square < BEYOND_REACH;
+    let room = |side, most| (room(side, s, at, most) - ENDS_BEFORE).max(0.0);
+    let towards = memory.side * x.signum();
+    if g.abs() > UNSETTLED * root {
+        memory.side = sign(g >= 0.0);
+    } else if room(towards, FAR) + NARROW < room(-towards, FAR) {
+        memory.side = -memory.side;
+    }
+    let damping = FOLLOW.0 * s.gain * s.eta_in / s.s.max(SMALLEST);
+    let inverse = |slope: f64| slope / (slope * slope + damping * damping).max(SMALLEST);
+    let (error, rate) = if clipped {
+        (-g / k, 0.0)
+    } else {
+        let slope = memory.side * root;
+        // What the last solution carries depends on this rate: without a bound the two may grow together.
+        let rate = along(s, at) * inverse(slope);
+        let rate = rate.max(-at.rate_max).min(at.rate_max);
+        (2.0 * x * inverse(g + slope), rate)
+    };
     Direction {
-        error: error.clamp(-FOLLOW.1, FOLLOW.1),
-        rate: along(s, at) * inverse,
+        error: error.clamp(-room(-1.0, FOLLOW.1), room(1.0, FOLLOW.1)),
+        rate,
         weight: 1.0,
+        clipped,
         ..Direction::default()
     }
 }
@@ -357,7 +397,7 @@ fn aside<const N: usize>(
     at: &Situation<'_, N>,
     memory: &mut Memory,
 ) -> Option<Direction> {
-    if within(s.kappa_2.abs(), TURNS) {
+    if within(s.kappa_2.abs(), ENDS.0) {
         memory.passing = false;
         return None;
     }
@@ -387,9 +427,9 @@ fn aside<const N: usize>(
     })
 }
 
-/// How far the auxiliary coordinate can move to this side before a joint that takes part in it is at its limit, rad; at most [`ROOM`].
-fn room<const N: usize>(side: f64, s: &Singularity<N>, at: &Situation<'_, N>) -> f64 {
-    (0..N).fold(ROOM, |room, i| {
+/// How far the auxiliary coordinate can move to this side before a joint that takes part in it is at its limit, rad; at most `most`.
+fn room<const N: usize>(side: f64, s: &Singularity<N>, at: &Situation<'_, N>, most: f64) -> f64 {
+    (0..N).fold(most, |room, i| {
         let by = side * s.aux_row[i];
         let left = if by > 0.0 {
             at.upper[i] - at.q[i]
@@ -406,7 +446,7 @@ fn room<const N: usize>(side: f64, s: &Singularity<N>, at: &Situation<'_, N>) ->
 
 /// The side of a fold to which the arm changes while it is at the fold, because a joint limit is near on the other: −1 or +1; 0: it keeps its side.
 pub(super) fn roomier<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>, side: f64) -> i32 {
-    let is_narrow = room(side, s, at) < ROOM && room(-side, s, at) >= ROOM;
+    let is_narrow = room(side, s, at, ROOM) < ROOM && room(-side, s, at, ROOM) >= ROOM;
     if s.aux.abs() < SIDE_CHANGE && is_narrow {
         -side as i32
     } else {
@@ -420,7 +460,7 @@ fn leave<const N: usize>(
     at: &Situation<'_, N>,
     memory: &mut Memory,
 ) -> Direction {
-    let room = |side| room(side, s, at);
+    let room = |side| room(side, s, at, ROOM);
     let decided = s.aux.abs() > SIDE;
     if !memory.passing || decided && s.aux * memory.side < 0.0 {
         let more = sign(room(1.0) >= room(-1.0));

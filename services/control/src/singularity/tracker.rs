@@ -527,6 +527,7 @@ impl<const N: usize> Tracker<N> {
         let per_aux = outwards * if angular { 1.0 } else { self.length_m } / length;
         let (towards, kappa_2) = self.second_axis(k, at, arm, &order, (&axis, outwards / length));
         let (aux, aux_row) = order.coordinate();
+        let (along, bend) = (order.m.dot(&a), -order.curvature * per_aux);
         self.entries[k] = Entry {
             angular,
             settled: entry.latched,
@@ -546,7 +547,8 @@ impl<const N: usize> Tracker<N> {
             zeta_B: halves(&axis, angular),
             R_BS: frame(&axis, &towards),
             gain: (per_aux * sigma.abs().max(SMALLEST * reference))
-                .copysign(per_aux * if order.m.dot(&a) < 0.0 { -1.0 } else { 1.0 }),
+                .copysign(per_aux * if along < 0.0 { -1.0 } else { 1.0 }),
+            askew: 1.0 - along.abs() / sigma.abs().max(SMALLEST * reference).max(along.abs()),
             aux,
             aux_rate: aux_row.dot(at.qdot),
             aux_bias: if order.fold < 1.0 {
@@ -555,12 +557,11 @@ impl<const N: usize> Tracker<N> {
                 0.0
             },
             aux_row,
-            kappa_1: if order.fold > 0.0 {
-                (order.curvature * per_aux).abs()
-            } else if class == Class::Mixed && entry.latched && svd.is_square() {
-                (-order.curvature * per_aux).max(0.0)
-            } else {
-                entry.verdict.kappa_1
+            kappa_1: match (class, entry.latched, svd.is_square()) {
+                _ if order.fold > 0.0 => bend.abs(),
+                (Class::Mixed, true, true) => bend.max(0.0),
+                (Class::Mixed | Class::Type2, true, false) => bend,
+                _ => entry.verdict.kappa_1,
             },
             kappa_2,
             ..Singularity::none()

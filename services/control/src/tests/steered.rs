@@ -7,8 +7,8 @@ use model::Model;
 use nalgebra::{Rotation3, SVector, UnitQuaternion};
 use proptest::prelude::*;
 use shared_types::codes::{
-    FRAME_HAND, REASON_FOLLOWING, REASON_LIMIT, REASON_OVER, REASON_STALE, TARGET_END, TARGET_POSE,
-    TARGET_POSTURE, TARGET_TWIST,
+    FRAME_HAND, REASON_FOLLOWING, REASON_LIMIT, REASON_OVER, REASON_REACH, REASON_STALE,
+    TARGET_END, TARGET_POSE, TARGET_POSTURE, TARGET_TWIST,
 };
 use shared_types::scenario::Scenario;
 use shared_types::{MAX_DOF, ServoState, TargetContent};
@@ -135,6 +135,21 @@ proptest! {
         steer::<6>("puma560", "posture = \"nominal\"", &targets)?;
         steer::<7>("iiwa14", "posture = \"ready\"", &targets)?;
     }
+}
+
+/// Exactly along ζ of a lock that bends the other way: neither the self-motion nor the path leads on, and no joint circles the lock.
+#[test]
+fn an_arm_with_a_spare_joint_rests_in_a_lock_beyond_which_its_target_leads() {
+    let lock = "q = [-0.402204211, -0.000001466, 0.865677564, -0.401816255, 0.41449968, 2.930077921, 1.424792985]";
+    let outwards = TargetContent {
+        kind: TARGET_TWIST,
+        valid_s: 10.0,
+        twist: [0.016177819, 0.004548092, 0.078215043, 0.0, 0.0, 0.0],
+        ..Default::default()
+    };
+    let (state, [_, qdot]) = steer::<7>("panda", lock, &[(outwards, 2000)]).unwrap();
+    assert_eq!(state.reason, REASON_REACH);
+    assert!(qdot.amax() < 0.01, "{qdot}");
 }
 
 /// Starts close to the end of a joint's range, inside the wrist's neighbourhood or beside it.
