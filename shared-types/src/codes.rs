@@ -126,7 +126,7 @@ codes! {
         /// The checkpoint that it was restored from is damaged.
         REFUSAL_CHECKPOINT = 12 "the checkpoint of the process before it is damaged; start the run again",
         /// In the direction of a force nothing was met, or not with that force.
-        REFUSAL_CONTACT = 13 "the hand met nothing in the direction of its force, or could not press that hard: put a surface there, or start nearer to it",
+        REFUSAL_CONTACT = 13 "the force was not reached: the hand met nothing, lost its contact again and again, or pressed along a lost direction; put a surface in the way, approach more slowly, or state the surface's stiffness",
     }
 
     /// The drive's state.

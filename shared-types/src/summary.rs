@@ -151,7 +151,7 @@ pub struct ForceSummary {
     pub newtons: f64,
     /// Ticks moving.
     pub ticks: u64,
-    /// Root mean square of the force error, moving.
+    /// Root mean square of the force error, moving, of the segment in which it is largest.
     pub rms_n: f64,
     /// Largest force error, moving.
     pub error_max_n: f64,
@@ -200,7 +200,7 @@ pub struct TaskSummary {
     pub final_orientation_deg: f64,
     /// Actual duration of the task, as a ratio of the planned one.
     pub time_stretch: f64,
-    /// Ticks in which the arm touched the floor or itself.
+    /// Ticks in which the arm touched the floor, a surface or itself with more than twice the force asked for, if any.
     #[serde(default)]
     pub contact_ticks: u64,
     /// Largest sum of contact forces on the arm.

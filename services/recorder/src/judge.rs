@@ -402,24 +402,29 @@ fn done(
     let asked = asked.chain(along.iter().chain(&across).filter(|_| is_judged));
     let missed = asked.filter(|bar| !within(bar.value, bar.bound));
     let force = task.force.as_ref().and_then(|force| unkept(force, goal));
+    let pressed = (task.force.is_some() && task.contact_ticks > 0)
+        .then(|| "a contact was harder than asked for".to_owned());
     let missed = missed.map(|bar| bar.told(", allowed"));
-    let missed: Vec<String> = force.into_iter().chain(missed).collect();
+    let missed: Vec<String> = force.into_iter().chain(pressed).chain(missed).collect();
     let kept = ends.iter().filter(|bar| bar.is_judged());
     let kept: Vec<String> = kept.map(|bar| bar.told(" of")).collect();
-    if !missed.is_empty() {
-        (MISSED, missed.join("; "))
-    } else if has_broken_a_limit {
-        let reason = "the path was followed, but beyond the arm's limits";
-        (MISSED, reason.to_owned())
-    } else if beyond.ticks > 0 {
-        let place = if beyond.at_end {
+    let place = (beyond.ticks > 0).then(|| {
+        if beyond.at_end {
             format!(
                 "the goal is {:.1} mm beyond reach and the path up to {:.1} mm",
                 task.final_position_mm, beyond.most_mm
             )
         } else {
             format!("the path lies up to {:.1} mm beyond reach", beyond.most_mm)
-        };
+        }
+    });
+    if !missed.is_empty() {
+        let all: Vec<String> = place.into_iter().chain(missed).collect();
+        (MISSED, all.join("; "))
+    } else if has_broken_a_limit {
+        let reason = "the path was followed, but beyond the arm's limits";
+        (MISSED, reason.to_owned())
+    } else if let Some(place) = place {
         let reason = format!(
             "{place}, for {} ticks: the arm went along its boundary, orthogonal to it off by {:.3} mm at most",
             beyond.ticks, task.orthogonal_max_mm

@@ -8,14 +8,28 @@ use shared_types::summary::ForceSummary;
 
 use super::tick::Tick;
 
+/// Multiple of the force asked for beyond which a contact is one that nobody asked for.
+const MOST: f64 = 2.0;
+
 /// Gathers the figures of the segments with a force.
 #[derive(Debug, Default)]
 pub(super) struct ForceMeter {
     summary: ForceSummary,
-    square_sum: f64,
     has_sensor: bool,
-    /// A segment with a force has begun: a contact is no surprise from then on.
+    /// A segment with a force has begun.
     pub(super) has_begun: bool,
+    leg: Leg,
+}
+
+/// The present segment.
+#[derive(Debug, Default)]
+struct Leg {
+    index: usize,
+    asked_n: f64,
+    /// The force of the segment before, while its contact lasts.
+    before_n: f64,
+    square_sum: f64,
+    ticks: u64,
 }
 
 impl ForceMeter {
@@ -28,7 +42,9 @@ impl ForceMeter {
         dt_s: f64,
     ) {
         let state = tick.truth;
-        let Some(contact) = truth.force(place, state) else {
+        let force = truth.force(place, state);
+        self.reach(place.leg, force.as_ref(), state.contacts > 0);
+        let Some(contact) = force else {
             return;
         };
         self.has_begun = true;
@@ -38,6 +54,35 @@ impl ForceMeter {
         self.has_sensor |= tick.wrist.is_some_and(is_of_now);
         // The path waits at the segment's beginning, within a tick of it, until the force has come about.
         self.take(&contact, place.time_s >= dt_s, state.contacts > 0);
+    }
+
+    /// The largest force of a contact that is asked for at this tick; N.
+    pub(super) fn most_n(&self) -> f64 {
+        MOST * larger(self.leg.asked_n, self.leg.before_n)
+    }
+
+    fn reach(&mut self, index: usize, force: Option<&Contact>, touches: bool) {
+        if index != self.leg.index {
+            self.end_leg();
+            let before_n = self.leg.asked_n;
+            self.leg = Leg {
+                index,
+                before_n,
+                ..Leg::default()
+            };
+        }
+        self.leg.asked_n = force.map_or(0.0, |force| force.newtons);
+        if !touches {
+            self.leg.before_n = 0.0;
+        }
+    }
+
+    /// A force that one segment did not keep shall not vanish among those of the others: the largest root mean square counts.
+    fn end_leg(&mut self) {
+        if self.leg.ticks > 0 {
+            let rms_n = (self.leg.square_sum / self.leg.ticks as f64).sqrt();
+            self.summary.rms_n = larger(self.summary.rms_n, rms_n);
+        }
     }
 
     fn take(&mut self, contact: &Contact, moves: bool, touches: bool) {
@@ -54,7 +99,8 @@ impl ForceMeter {
         one.error_max_n = larger(one.error_max_n, error);
         one.lift_off_ticks += u64::from(!touches);
         one.tangential_max_mm = larger(one.tangential_max_mm, contact.across_mm);
-        self.square_sum += error * error;
+        self.leg.ticks += 1;
+        self.leg.square_sum += error * error;
     }
 
     /// The findings; `None` where no segment with a force has begun.
@@ -65,9 +111,7 @@ impl ForceMeter {
             "observer"
         };
         source.clone_into(&mut self.summary.source);
-        if self.summary.ticks > 0 {
-            self.summary.rms_n = (self.square_sum / self.summary.ticks as f64).sqrt();
-        }
+        self.end_leg();
         self.has_begun.then_some(self.summary)
     }
 }
@@ -123,5 +167,39 @@ mod tests {
         );
         assert!((found.rms_n - (125.0_f64 / 3.0).sqrt()).abs() < 1e-12);
         assert_eq!(ForceMeter::default().finish(), None);
+    }
+
+    /// A second of 10 N without an error, then two ticks of 100 N that are 20 N off, then a segment without a force.
+    #[test]
+    fn each_segment_counts_for_itself() {
+        let mut meter = ForceMeter {
+            has_begun: true,
+            ..ForceMeter::default()
+        };
+        let mut most_n = Vec::new();
+        let mut tick = |leg, newtons, pressed_n: f64| {
+            let contact = Contact {
+                newtons,
+                pressed_n,
+                across_mm: 0.0,
+                borne: 0.0,
+            };
+            let force = (newtons > 0.0).then_some(&contact);
+            meter.reach(leg, force, pressed_n > 0.0);
+            if newtons > 0.0 {
+                meter.take(&contact, true, true);
+            }
+            most_n.push(meter.most_n());
+        };
+        for _ in 0..1000 {
+            tick(0, 10.0, 10.0);
+        }
+        tick(1, 100.0, 80.0);
+        tick(1, 100.0, 120.0);
+        tick(2, 0.0, 90.0);
+        tick(2, 0.0, 0.0);
+        tick(2, 0.0, 5.0);
+        assert_eq!(most_n[999..], [20.0, 200.0, 200.0, 200.0, 0.0, 0.0]);
+        assert!((meter.finish().unwrap().rms_n - 20.0).abs() < 1e-12);
     }
 }

@@ -110,12 +110,14 @@ impl TaskMeter {
         if let Some(place) = place {
             self.force.tick(tick, truth, place, dt_s);
         }
-        // From the first segment with a force on, a contact is no surprise.
-        if state.contacts > 0 && !self.force.has_begun {
-            let (force, task) = (Vector3::from(state.contact_force_n), &mut self.summary);
+        let force_n = Vector3::from(state.contact_force_n).norm();
+        let (most_n, task) = (self.force.most_n(), &mut self.summary);
+        // A NaN is no force that was asked for.
+        let is_asked = most_n > 0.0 && force_n <= most_n;
+        if state.contacts > 0 && !is_asked {
             task.contact_ticks += 1;
             self.contact_since.get_or_insert(state.header.tick);
-            task.contact_max_n = larger(task.contact_max_n, force.norm());
+            task.contact_max_n = larger(task.contact_max_n, force_n);
         }
     }
 
@@ -126,8 +128,12 @@ impl TaskMeter {
             contact_max_n,
             ..
         } = self.summary;
+        let what = match self.force.has_begun {
+            true => "the arm pressed more than twice as hard as asked, or on something else,",
+            false => "the arm touched the floor, a surface or itself",
+        };
         self.contact_since.map(|since| {
-            format!("the arm touched the floor or itself for {contact_ticks} ticks from tick {since} on, with up to {contact_max_n:.0} N")
+            format!("{what} for {contact_ticks} ticks from tick {since} on, with up to {contact_max_n:.0} N")
         })
     }
 
