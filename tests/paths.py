@@ -165,7 +165,7 @@ def main():
     table.to_json(folder / "rows.json", orient="records", indent=1)
     reached, refused = (table.outcome == outcome for outcome in ("reached", "refused"))
     counted = table.assign(paths=1, reached=reached, refused=refused).groupby(["arm", "kind"])[["paths", "feasible", "reached", "s1", "refused", "silent"]].sum()
-    print(f"\n{counted.assign(median_stretch=table[reached].groupby(['arm', 'kind']).stretch.median())}")
+    print(f"\n{counted.assign(median_stretch=table.stretch.where(reached).groupby([table.arm, table.kind]).median())}")
     for row in table[table.silent | table.feasible & ~table.s1].itertuples():
         print(f"  {row.path}: {row.outcome}: {row.why}")
     share, silent = table.s1[table.feasible].mean(), table.silent.sum()

@@ -160,7 +160,10 @@ impl<const N: usize> Controller<N> {
             Err(obstacle) => (None, Some(obstacle)),
         };
         let forces = Forces::of(scenario);
-        let obstacle = obstacle.or_else(|| forces.impossible(&rest, model.effort(), &robot.task.0));
+        let obstacle = obstacle.or_else(|| {
+            let strategy = scenario.control.strategy;
+            forces.impossible(&rest, model.effort(), strategy, &robot.task.0)
+        });
         let guide = Guide::new(plan, (0..).take_while(|i| path.leg(*i).is_some()).count());
         postures.stay(guide.beyond_reach());
         let targets = is_steered.then(|| Targets::new(&model, robot, scenario));

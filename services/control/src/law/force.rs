@@ -27,7 +27,7 @@ use crate::types::{Refusal, Report};
 use model::{Pose, Terms};
 use nalgebra::{Matrix3, SVector, Vector3, Vector6};
 use shared_types::checkpoints::ForceCheckpoint;
-use shared_types::scenario::{Force, Scenario};
+use shared_types::scenario::{Force, Scenario, Strategy};
 
 /// With a sensor.
 const BY_SENSOR: Tuning = Tuning {
@@ -203,14 +203,21 @@ impl Forces {
         }
     }
 
-    /// A force that the arm cannot exert in this posture, in words: along an axis that its task does not serve, or stronger than the joints hold beside the
-    /// arm's weight.
+    /// A force that the arm cannot exert in this posture, in words: by a law that controls none, along an axis that its task does not serve, or stronger
+    /// than the joints hold beside the arm's weight.
     pub(crate) fn impossible<const N: usize>(
         &self,
         terms: &Terms<N>,
         effort: &SVector<f64, N>,
+        strategy: Strategy,
         task: &[bool; 6],
     ) -> Option<String> {
+        if !self.are_none() && !strategy.is_ours() && strategy != Strategy::OperationalSpace {
+            let name = strategy.name();
+            return Some(format!(
+                "the law {name} controls no force: take blended, chang-khatib or operational-space"
+            ));
+        }
         (0..self.0.len()).find_map(|leg| {
             let (force, e) = self.at(leg, &terms.X_BE.R)?;
             if (0..3).any(|i| !task[i] && e[i].abs() > UNSERVED) {

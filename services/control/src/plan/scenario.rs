@@ -293,7 +293,7 @@ fn help<const N: usize>(robot: &Robot, scenario: &Scenario, remedy: Option<Remed
             } = scenario.goal;
             format!(
                 "; neither another posture of the start pose nor a deviation beyond {path_mm} mm and {path_deg}° has been found to help: lead the path \
-                 elsewhere, end it earlier, or let the arm leave it: [control] governor = false starts without a plan"
+                 elsewhere, or end it earlier"
             )
         }
     }
