@@ -24,21 +24,21 @@ from importlib import metadata
 import armplane
 
 from ..results import _armplane, _program, _sentence, toml
-from . import OPPONENTS
+from . import GIVEN_CLOCK as BASE
+from . import NO_HINTS, OPPONENTS, OWN_CLOCK, tasks
+from .tasks import DATA
 
 try:
     import pyarrow
     from pyarrow import parquet
 
-    from . import page, picture, tasks
-    from .tasks import DATA
+    from . import page, picture
 except ImportError as error:
-    if __name__ != "__main__":
-        raise
-    print(f"armplane arena: {error}: pip install 'armplane[arena]' (docs/arena.md)", file=sys.stderr)
-    sys.exit(2)
+    # Its help can be read without them.
+    LACK = f"armplane arena: {error}: pip install 'armplane[arena]' (docs/arena.md)"
+else:
+    LACK = None
 
-BASE = page.GIVEN_CLOCK
 # The end of the name of a law's tuned row.
 TUNED = " tuned"
 # Longest run of a law on a task, and longest time in which an opponent loads and joins it (--join-limit); s.
@@ -496,6 +496,9 @@ def arguments():
 
 def main():
     asked = arguments()
+    if LACK:
+        print(LACK, file=sys.stderr)
+        sys.exit(2)
     if asked.check:
         holds, sentence = check(asked.check)
         print(sentence)
@@ -516,8 +519,8 @@ def conditions(asked, found, todo, folder):
     cells = []
     if asked.tracks:
         slowing = [entry.with_settings(entry.name, own_clock=True) for entry in found if entry.about.get("has_clock") and not entry.settings.get("own_clock")]
-        cells += [(entry, task, page.OWN_CLOCK) for task in todo for entry in slowing]
-        cells += [(entry, task, page.NO_HINTS) for task in tasks.unhinted(folder / "tasks", todo, _armplane) for entry in found]
+        cells += [(entry, task, OWN_CLOCK) for task in todo for entry in slowing]
+        cells += [(entry, task, NO_HINTS) for task in tasks.unhinted(folder / "tasks", todo, _armplane) for entry in found]
     if asked.varied:
         own = [entry for entry in found if not entry.name.endswith(TUNED)]
         cells += [(entry, task, condition) for task in todo if task.is_varied for condition in DATA["varied"] for entry in own]

@@ -5,10 +5,9 @@ import html
 import pandas
 from scipy import stats
 
-from . import picture
+from . import GIVEN_CLOCK, NO_HINTS, OWN_CLOCK, picture
 
 OURS = "armplane"
-GIVEN_CLOCK, OWN_CLOCK, NO_HINTS = "given clock", "own clock", "no hints"
 # Outcomes without a run.
 NO_RUN = ("refused", "failed", "silent")
 # Up to this time stretch a run keeps the given clock.
