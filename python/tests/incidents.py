@@ -24,7 +24,7 @@ from pyarrow import parquet
 from scipy.spatial.transform import Rotation
 
 DT = 0.002
-ROBOTS = pathlib.Path(__file__).resolve().parents[2] / "services" / "model" / "robots"
+ROBOTS = next(path for folder in pathlib.Path(__file__).resolve().parents if (path := folder / "services/model/robots").is_dir())
 SINGULAR, OTHERS = "singularity", ("joint limit", "speed limit", "torque limit", "gap in the stamps", "jump in the command", "NaN", "oscillation", "unknown", "none")
 LAWS = ("dls", "pinv clamped", "servo halt", "pinv fault", "inverse kinematics", "impedance")
 STYLES = ("csv", "csv degrees", "lerobot", "mcap", "rosbag2", "rosbag2 mcap")
