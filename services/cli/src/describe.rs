@@ -25,6 +25,7 @@ pub(crate) fn rendered(template: &str) -> Result<String, Error> {
     let mut syntax = SyntaxConfig::builder();
     environment.set_syntax(syntax.trim_blocks(true).lstrip_blocks(true).build()?);
     environment.add_filter("snake", snake);
+    environment.add_filter("quoted", |text: String| format!("{text:?}"));
     environment.add_global("header", armplane_process::HEADER);
     environment.render_str(template, Context::from(Serde(wire())))
 }
@@ -184,5 +185,22 @@ mod tests {
             assert_eq!(about_and_unit(text), (about.to_owned(), unit));
         }
         assert_eq!(snake("SensorSample"), "sensor_sample");
+    }
+
+    #[test]
+    fn all_languages_name_every_message_and_every_code() {
+        let document = wire();
+        let named = |of: &Value, key: &str| of[key].as_str().expect("a text").to_owned();
+        let [python, c] = [PYTHON, C].map(|template| rendered(template).expect("a template"));
+        for text in [document.to_string(), python, c] {
+            for topic in document["topics"].as_array().expect("a list") {
+                for key in ["topic", "type", "layout"] {
+                    assert!(text.contains(&named(topic, key)), "{topic}");
+                }
+            }
+            for (name, ..) in codes::TABLES.iter().flat_map(|(_, codes)| *codes) {
+                assert!(text.contains(name), "{name}");
+            }
+        }
     }
 }
