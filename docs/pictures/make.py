@@ -26,7 +26,7 @@ from viewer import Viewer
 HERE = pathlib.Path(__file__).resolve().parent
 DOCS = HERE.parent
 BROWSER = os.environ.get("BROWSER", "chromium")
-# What is taken of the viewer.
+# The shots of the viewer.
 TAKEN = tomllib.loads((HERE / "pictures.toml").read_text())
 # On a sheet of many: size of a shot, and how many are in a row.
 CELL, COLUMNS = (452, 442), 5

@@ -177,7 +177,7 @@ impl State {
         }
     }
 
-    /// What a stream writes next, and the bytes of its text: none where something older is under way in the other one, unless that is stuck.
+    /// The next text of a stream, and its bytes: none where something older is under way in the other one, unless that is stuck.
     fn take(&mut self, stream: Stream) -> Option<(String, usize)> {
         let is_of = |text: &(Stream, String)| text.0 == stream;
         if !self.texts.iter().any(is_of) {

@@ -198,10 +198,8 @@ mod tests {
             fall: Vector3::new(0.0, 0.0, -9.81),
         };
         let given = |push| drives.compensating(Vector2::zeros(), &push, &J);
-        assert_eq!(
-            given(Vector2::new(-8.0, 8.0)).map(f64::round),
-            Vector2::new(8.0, -5.0)
-        );
+        let sent = given(Vector2::new(-8.0, 8.0));
+        assert!((sent - Vector2::new(8.0, -5.0)).amax() < 1e-12, "{sent}");
         assert_eq!(given(Vector2::new(8.0, 3.0)), Vector2::new(-5.0, -3.0));
     }
 

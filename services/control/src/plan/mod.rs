@@ -78,7 +78,7 @@ pub enum Covered {
     SpareJoints,
     /// A sample of the ways past a lock within the deviation allowed.
     PastLocks,
-    /// What could be tried within the bounds of a search.
+    /// As much as the bounds of a search allow.
     Bounded,
 }
 

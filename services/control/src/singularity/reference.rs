@@ -113,7 +113,7 @@ pub(super) fn direction<const N: usize>(
     let most = share * if s.angular { LOST.1 } else { LOST.0 };
     let x = s.zeta_B.dot(at.error);
     let is_lost = s.s < times * FOUND && x.abs() > most;
-    // What hardly bends has its vertex too far away to be a place to go to.
+    // A row that hardly bends has its vertex too far away to be a place to go to.
     let least = BENT * if s.angular { 1.0 } else { length_m };
     let is_bent = s.s < s.eta_out && s.kappa_1.abs() > least;
     let k = if is_bent { -s.kappa_1 } else { 0.0 };
@@ -352,7 +352,7 @@ fn slides<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>, memory: &mu
 
 /// The auxiliary coordinate follows the path: g·y + k·y²/2 is the desired motion along ζ less what the kept motion carries there, damped.
 ///
-/// Where no y leads that far, that with the farthest is taken, and the goal is beyond reach.
+/// If no y leads that far, that with the farthest is taken, and the goal is beyond reach.
 fn follow<const N: usize>(
     s: &Singularity<N>,
     at: &Situation<'_, N>,
@@ -376,7 +376,7 @@ fn follow<const N: usize>(
         (-g / k, 0.0)
     } else {
         let slope = memory.side * root;
-        // What the last solution carries depends on this rate: without a bound the two may grow together.
+        // The last solution carries the more the higher this rate is: without a bound the two may grow together.
         let rate = along(s, at) * inverse(slope);
         let rate = rate.max(-at.rate_max).min(at.rate_max);
         (2.0 * x * inverse(g + slope), rate)
