@@ -14,13 +14,14 @@ import re
 import subprocess
 import sys
 import tempfile
+import tomllib
 
 HERE = pathlib.Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 PROGRAM = os.environ.get("ARMPLANE", str(ROOT / "target/release/armplane"))
 UNITS = r"MB \(10⁶ bytes\)|degrees|counts|bytes|ticks|1/s²?|rad/s²?|m/s²?|rad|Hz|mm|ms|µs|m|s|J"
-SUFFIXES = {"mm": "mm", "deg": "degrees", "m": "m", "s": "s", "hz": "Hz", "ms": "ms", "n": "N", "j": "J", "mb": "MB", "ticks": "ticks"}
-SUFFIXES |= {"ratio": "share of the limit", "bytes": "bytes"}
+SUFFIXES = "mm: mm, deg: degrees, m: m, s: s, hz: Hz, ms: ms, n: N, j: J, mb: MB, ticks: ticks, ratio: share of the limit, bytes: bytes"
+SUFFIXES = dict(one.split(": ") for one in SUFFIXES.split(", "))
 # Described on a page of their own.
 ELSEWHERE = {"Kind": "[word](faults.md#kinds)", "Way": "[word](faults.md#variants)"}
 # Writers of topics that few runs have.
@@ -39,45 +40,21 @@ def program(*arguments, folder=None):
     return done.stdout
 
 
-def value_of(text):
-    text = text.strip()
-    return json.loads(text) if text[0] in '"[' or text in ("true", "false") else text
-
-
-def read_defaults(text):
-    """The keys of a TOML file of plain tables, by table: the program's own writer puts one key on a line."""
-    tables, table = {}, "Scenario"
-    for line in text.splitlines():
-        if found := re.fullmatch(r"\[\[?([\w.]+)\]?\]", line):
-            table = found[1]
-        elif found := re.fullmatch(r"(\w+) = (.+)", line):
-            tables.setdefault(table, {})[found[1]] = value_of(found[2]) if '"""' not in line else ""
-    return tables
-
-
 def defaults(folder):
-    """The defaults of a scenario's keys, by the path of their table."""
+    """The defaults of a scenario's keys, nested as in its file."""
     found = {}
-    for name, text in (("path", PATH), ("steered", STEERED)):
+    for name, text in (("steered", STEERED), ("path", PATH)):
         (folder / f"{name}.toml").write_text(text)
         program("run", f"{name}.toml", "--no-record", "--out", name, folder=folder)
-        found = read_defaults((folder / name / "scenario.toml").read_text()) | found
+        found |= tomllib.loads((folder / name / "scenario.toml").read_text())
     # These are the two runs' own.
-    del found["start"], found["servo"]["input"], found["segment"]["duration_s"]
+    del found["start"], found["servo"]["input"], found["segment"][0]["duration_s"]
     return found
 
 
-def is_number(value):
-    return isinstance(value, str) and re.fullmatch(r"[-+.0-9e]+", value)
-
-
-def cell(text):
-    return str(text).replace("|", "\\|").replace("\n", " ")
-
-
 def table(head, rows):
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(cell(one) for one in row) + " |" for row in lines) + "\n"
+    cell = lambda text: str(text).replace("|", "\\|").replace("\n", " ")
+    return f"| {head} |\n|{' --- |' * (head.count('|') + 1)}\n" + "".join(f"| {' | '.join(map(cell, row))} |\n" for row in rows)
 
 
 def split_unit(key, words):
@@ -87,100 +64,85 @@ def split_unit(key, words):
     return "1/s" if key.endswith("_per_s") else SUFFIXES.get(key.rpartition("_")[2] if "_" in key else "", ""), words
 
 
-# Of a graph: false, 0 and empty.
-NO_DEFAULTS = {"": {}}
+def tables(schema, found=None):
+    """The tables of a schema, each below a heading of its path in the file. `found`: the defaults of its keys; `None` for a file that nobody writes."""
+    shown = {}
 
+    def type_of(one, path, children):
+        """A type in words; tables of their own go to `children` with their path."""
+        if "anyOf" in one:
+            options = [option for option in one["anyOf"] if option != {"type": "null"}]
+            return " or ".join(f'`"{option["const"]}"`' if "const" in option else type_of(option, path, children) for option in options)
+        if "$ref" in one:
+            name = one["$ref"].rsplit("/", 1)[1]
+            if name not in ELSEWHERE:
+                children.append((path, schema["$defs"][name]))
+            return ELSEWHERE.get(name) or ("word" if "oneOf" in schema["$defs"][name] else "table")
+        if one["type"] == "array":
+            of = type_of(one["items"], path, children)
+            return f"{one['minItems']} × {of}" if "minItems" in one else f"list of {of}s"
+        if isinstance(of := one.get("additionalProperties"), dict):
+            return f"by name: {type_of(of, path + '.NAME', children)}"
+        return "table" if one["type"] == "object" else one["type"]
 
-class Page:
-    """The tables of a schema, each below a heading of its path in the file."""
-
-    def __init__(self, schema, found=None):
-        self.schema, self.defaults, self.children, self.shown = schema, found, [], {}
-
-    def type_of(self, schema, path):
-        """A type in words; tables of their own are queued with their path."""
-        if "anyOf" in schema:
-            options = [option for option in schema["anyOf"] if option != {"type": "null"}]
-            return " or ".join(f'`"{one["const"]}"`' if "const" in one else self.type_of(one, path) for one in options)
-        if "$ref" in schema:
-            name = schema["$ref"].rsplit("/", 1)[1]
-            if name in ELSEWHERE:
-                return ELSEWHERE[name]
-            target = self.schema["$defs"][name]
-            self.children.append((path, name))
-            return "word" if "oneOf" in target else "table"
-        if schema["type"] == "array":
-            of = self.type_of(schema["items"], path)
-            return f"{schema['minItems']} × {of}" if "minItems" in schema else f"list of {of}s"
-        if isinstance(schema.get("additionalProperties"), dict):
-            return f"by name: {self.type_of(schema['additionalProperties'], path + '.NAME')}"
-        return "table" if schema["type"] == "object" else schema["type"]
-
-    def default_of(self, path, key, schema, required):
-        here = (self.defaults or {}).get(path or "Scenario", {})
-        if key in required and not path.startswith("control"):
+    def default_of(here, key, one, is_required):
+        value = json.dumps(here.get(key, ""))
+        if is_required:
             return "required"
-        if key in here and here[key] != "":
-            return f"`{here[key] if is_number(here[key]) else json.dumps(here[key])}`"
-        if schema.get("type") == "boolean":
-            return "`false`"
-        return "`0`" if schema.get("type") == "integer" and self.defaults == NO_DEFAULTS else ""
+        if value != '""' and "{" not in value:
+            return f"`{value}`"
+        # Of a graph: false, 0 and empty.
+        return {"boolean": "`false`", "integer": "" if found else "`0`"}.get(one.get("type"), "")
 
-    def section(self, path, name):
-        target = self.schema if name is None else self.schema["$defs"][name]
-        heading = f"`{path}`" if path else "Top level"
+    def section(path, target):
+        heading, children, here = f"## {f'`{path}`' if path else 'Top level'}\n\n{target['description']}\n\n", [], found or {}
+        for part in path.split(".") if path else ():
+            here = here.get(part, {})
+            here = here[0] if isinstance(here, list) else here
         if "oneOf" in target:
-            rows = [[f'`"{one["const"]}"`', one["description"]] for one in target["oneOf"]]
-            return f"## {heading}\n\n{target['description']}\n\n" + table(["word", "meaning"], rows)
-        rows = []
-        for key, schema in target["properties"].items():
-            if schema["description"].startswith("The same as "):
+            shown[path] = heading + table("word | meaning", ([f'`"{one["const"]}"`', one["description"]] for one in target["oneOf"]))
+            return
+        rows, head = [], "key | type | default | unit | meaning"
+        for key, one in target["properties"].items():
+            if one["description"].startswith("The same as "):
                 continue
-            kind = self.type_of(schema, f"{path}.{key}".lstrip("."))
-            if schema.get("anyOf", [{}])[0].get("properties", {}).get("wrist"):
-                kind = "table of [numbers](#one-number-for-each-singularity)"
-                here = self.defaults.get(f"{path}.{key}", {})
-                rows.append([f"`{key}`", kind, ", ".join(f"{one} {number}" for one, number in here.items())])
-            else:
-                rows.append([f"`{key}`", kind, self.default_of(path, key, schema, target.get("required", []))])
-            rows[-1] += split_unit(key, schema["description"])
-            if self.defaults is None:
-                del rows[-1][2]
-        head = ["key", "type", *(["default"] if self.defaults is not None else []), "unit", "meaning"]
-        return f"## {heading}\n\n{target['description']}\n\n" + table(head, rows)
+            kind = type_of(one, f"{path}.{key}".lstrip("."), children)
+            default = default_of(here, key, one, key in target.get("required", ()) and not path.startswith("control"))
+            if one.get("anyOf", [{}])[0].get("properties", {}).get("wrist"):
+                kind, default = "table of [numbers](#one-number-for-each-singularity)", ", ".join(f"{name} {number}" for name, number in here.get(key, {}).items())
+            rows.append([f"`{key}`", kind, *([] if found is None else [default]), *split_unit(key, one["description"])])
+        shown[path] = heading + table(head.replace(" default |", "") if found is None else head, rows)
+        for child in children:
+            if child[0] not in shown:
+                section(*child)
 
-    def write(self):
-        queue, sections = [("", None)], []
-        while queue:
-            path, name = queue.pop(0)
-            if path not in self.shown:
-                self.shown[path], self.children = name, []
-                sections.append(self.section(path, name))
-                queue = self.children + queue
-        return "\n".join(sections)
+    section("", schema)
+    return "\n".join(shown.values())
+
+
+def schema_of(name):
+    return json.loads((ROOT / f"docs/schema/{name}.json").read_text())
 
 
 def scenario(folder):
-    schema = json.loads((ROOT / "docs/schema/scenario.json").read_text())
     numbers = "\n## One number for each singularity\n\nSuch a key takes a table like `{ wrist = 0.12, elbow = 0.08 }`. Names left out keep their defaults: "
     numbers += "`elbow`, `wrist`, `overhead`, `shoulder`, and `numeric` for singularities found numerically.\n"
     about = "`armplane run FILE.toml` runs a scenario; `--set KEY=VALUE` changes a key for one run, such as `--set control.k_p=900` or "
     about += "`--set segment.0.duration_s=3`. Sections with several entries (`segment`, `fault`) are written `[[segment]]`, all others `[plant]`.\n\n"
-    return about + Page(schema, defaults(folder)).write() + numbers
+    return about + tables(schema_of("scenario"), defaults(folder)) + numbers
 
 
 def graph(_):
-    schema = json.loads((ROOT / "docs/schema/graph.json").read_text())
-    return "[Your own graph](../graph.md) shows how to use one.\n\n" + Page(schema, NO_DEFAULTS).write()
+    return "[Your own graph](../graph.md) shows how to use one.\n\n" + tables(schema_of("graph"), {})
 
 
 def summary(_):
-    schema = json.loads((ROOT / "docs/schema/summary.json").read_text())
+    schema = schema_of("summary")
     # A fault's plan has the keys of a scenario's fault.
     plan = schema["$defs"]["FaultSummary"]["properties"]["plan"]
     schema["$defs"]["FaultSummary"]["properties"]["plan"] = {"type": "object", "description": plan["description"]}
     about = "Every run leaves a `summary.json`. The true state of the simulated arm is judged. [How the verdict is made](../recording.md#summaryjson)\n\n"
-    return about + Page(schema).write()
+    return about + tables(schema)
 
 
 def faults(_):
@@ -198,8 +160,8 @@ def faults(_):
             usual = f"{way['amount']:g} {way['unit']}" if way["amount"] else ""
             ways.append([f"`{one['kind']}`", f"`{way['as']}`", about[0].upper() + about[1:], usual])
     about = "[Faults](../faults.md) shows how to inject them, [the scenario's reference](scenario.md#fault) lists all keys.\n\n## Kinds\n\n"
-    about += table(["kind", "effect", "processes", "default duration"], kinds)
-    return about + "\n## Variants\n\nThe first variant of a kind is its default.\n\n" + table(["kind", "variant (`as`)", "effect", "default amount"], ways)
+    about += table("kind | effect | processes | default duration", kinds)
+    return about + "\n## Variants\n\nThe first variant of a kind is its default.\n\n" + table("kind | variant (`as`) | effect | default amount", ways)
 
 
 def arm(_):
@@ -213,17 +175,17 @@ def messages(_):
     fields = {one["name"]: one for one in wire["structures"]}
     used = {topic["structure"]: topic for topic in wire["topics"]}
     text = f"{wire['timing']} [The wire](../wire.md) shows how a program of yours reads and writes them.\n\n## Topics\n\n"
-    text += table(["topic", "message", "writer", "readers", "bytes"], [
+    text += table("topic | message | writer | readers | bytes", (
         [f"`{one['topic']}`", f"[{one['structure']}](#{one['structure'].lower()})", one["writer"] or SOME.get(one["topic"], "(steered runs)"), ", ".join(one["readers"]), one["bytes"]]
-        for one in wire["topics"]])
+        for one in wire["topics"]))
     for name, one in fields.items():
         heading = f" `{used[name]['type']}` on the topic `{used[name]['topic']}`." if name in used else ""
         rows = [[f"`{field['name']}`", field["type"] + (f" × {field['count']}" if field["count"] else ""), field["offset"], field["unit"] or "", field["about"]]
                 for field in one["fields"]]
-        text += f"\n## {name}\n\n{one['about']}{heading}\n\n" + table(["field", "type", "offset", "unit", "meaning"], rows)
+        text += f"\n## {name}\n\n{one['about']}{heading}\n\n" + table("field | type | offset | unit | meaning", rows)
     text += "\n## Codes\n\nNumbers that stand for words in messages.\n"
     for name, codes in wire["codes"].items():
-        text += f"\n### {name}\n\n" + table(["code", "name", "meaning"], [[one["code"], f"`{one['name']}`", one["text"]] for one in codes])
+        text += f"\n### {name}\n\n" + table("code | name | meaning", ([one["code"], f"`{one['name']}`", one["text"]] for one in codes))
     return text
 
 
@@ -247,21 +209,21 @@ def cli(folder):
 
 
 PAGES = {
-    "scenario": ("Scenario: every key", scenario),
-    "graph": ("Graph: every key", graph),
-    "arm": ("Arm description: every key", arm),
-    "faults": ("Faults: every kind", faults),
-    "summary": ("summary.json: every key", summary),
-    "messages": ("Topics and messages", messages),
-    "cli": ("Command line", cli),
+    scenario: "Scenario: every key",
+    graph: "Graph: every key",
+    arm: "Arm description: every key",
+    faults: "Faults: every kind",
+    summary: "summary.json: every key",
+    messages: "Topics and messages",
+    cli: "Command line",
 }
 
 
 def main():
     stale = []
     with tempfile.TemporaryDirectory() as folder:
-        for name, (title, page) in PAGES.items():
-            path = HERE / f"{name}.md"
+        for page, title in PAGES.items():
+            path = HERE / f"{page.__name__}.md"
             text = f"<!-- Generated by docs/reference/make.py. Do not edit. -->\n# {title}\n\n{page(pathlib.Path(folder)).strip()}\n"
             if "--check" not in sys.argv:
                 path.write_text(text)

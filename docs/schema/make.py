@@ -16,19 +16,27 @@ import sys
 HERE = pathlib.Path(__file__).resolve().parent
 TYPES = HERE.parents[1] / "shared-types" / "src"
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
-NUMBERS = {"f64": {"type": "number"}, "i32": {"type": "integer"}, "bool": {"type": "boolean"}, "String": {"type": "string"}, "PathBuf": {"type": "string"}}
-NUMBERS |= {name: {"type": "integer", "minimum": 0} for name in ("u32", "u64", "usize")}
-BY_SINGULARITY = {
-    "description": "One number for each singularity, by its name. Names left out keep their defaults. An array is read as elbow, wrist, overhead.",
-    "anyOf": [
-        {
-            "type": "object",
-            "properties": {name: {"type": "number"} for name in ("elbow", "wrist", "overhead", "shoulder", "numeric")},
-            "additionalProperties": False,
-        },
-        {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3},
-    ],
-}
+NUMBERS = {"f64": "number", "i32": "integer", "bool": "boolean", "String": "string", "PathBuf": "string"}
+BY_SINGULARITY = json.loads("""{
+  "description": "One number for each singularity, by its name. Names left out keep their defaults. An array is read as elbow, wrist, overhead.",
+  "anyOf": [
+    {
+      "type": "object",
+      "properties": {
+        "elbow": {"type": "number"}, "wrist": {"type": "number"}, "overhead": {"type": "number"}, "shoulder": {"type": "number"}, "numeric": {"type": "number"}
+      },
+      "additionalProperties": false
+    },
+    {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3}
+  ]
+}""")
+# A type of Rust and its schema, which may hold that of the type within.
+FORMS = [
+    (r"Option<(.*)>", lambda of: of),
+    (r"Vec<(.*)>", lambda of: {"type": "array", "items": of}),
+    (r"\[(.*); (\d+)\]", lambda of, size: {"type": "array", "items": of, "minItems": int(size), "maxItems": int(size)}),
+    (r"BTreeMap<String, (.*)>", lambda of: {"type": "object", "additionalProperties": of}),
+]
 
 
 def text_of(lines):
@@ -58,17 +66,15 @@ def kebab(name):
 def schema_of(kind):
     """The schema of a field's type."""
     if kind in NUMBERS:
-        return dict(NUMBERS[kind])
+        return {"type": NUMBERS[kind]}
+    if kind in ("u32", "u64", "usize"):
+        return {"type": "integer", "minimum": 0}
     if kind == "BySingularity":
-        return dict(BY_SINGULARITY)
-    if found := re.fullmatch(r"Option<(.*)>", kind):
-        return schema_of(found[1])
-    if found := re.fullmatch(r"Vec<(.*)>", kind):
-        return {"type": "array", "items": schema_of(found[1])}
-    if found := re.fullmatch(r"\[(.*); (\d+)\]", kind):
-        return {"type": "array", "items": schema_of(found[1]), "minItems": int(found[2]), "maxItems": int(found[2])}
-    if found := re.fullmatch(r"BTreeMap<String, (.*)>", kind):
-        return {"type": "object", "additionalProperties": schema_of(found[1])}
+        return BY_SINGULARITY
+    for form, made in FORMS:
+        if found := re.fullmatch(form, kind):
+            of, *size = found.groups()
+            return made(schema_of(of), *size)
     return {"$ref": f"#/$defs/{kind}"}
 
 
@@ -125,31 +131,28 @@ def definitions():
     return found
 
 
-def used(name, all_of_them, seen):
-    """The names of a type and of all that it refers to."""
-    if name not in seen:
-        seen.append(name)
-        for other in re.findall(r'"#/\$defs/(\w+)"', json.dumps(all_of_them[name])):
-            used(other, all_of_them, seen)
-    return seen
-
-
 def schema(name, title):
-    every = definitions()
-    others = {other: every[other] for other in used(name, every, [])[1:]}
-    return {"$schema": DRAFT, "title": title, **every[name], "$defs": others}
+    """The schema of a type, with those of all that it refers to."""
+    every, found = definitions(), {}
+
+    def add(one):
+        if one not in found:
+            found[one] = every[one]
+            for other in re.findall(r'"#/\$defs/(\w+)"', json.dumps(every[one])):
+                add(other)
+
+    add(name)
+    return {"$schema": DRAFT, "title": title, **found.pop(name), "$defs": found}
 
 
 def main():
-    stale = []
-    titles = {"scenario": "A scenario of armplane", "graph": "A process graph of armplane", "summary": "summary.json of a run of armplane"}
-    for file, title in titles.items():
-        name = file.capitalize()
-        path, text = HERE / f"{file}.json", json.dumps(schema(name, title), indent=2, ensure_ascii=False) + "\n"
-        if "--check" in sys.argv:
-            stale += [path.name] if not path.exists() or path.read_text() != text else []
-        else:
+    stale, is_check = [], "--check" in sys.argv
+    for file, title in {"scenario": "A scenario of armplane", "graph": "A process graph of armplane", "summary": "summary.json of a run of armplane"}.items():
+        path, text = HERE / f"{file}.json", json.dumps(schema(file.capitalize(), title), indent=2, ensure_ascii=False) + "\n"
+        if not is_check:
             path.write_text(text)
+        elif not path.exists() or path.read_text() != text:
+            stale.append(path.name)
     if stale:
         sys.exit(f"{', '.join(stale)}: out of date; run python3 docs/schema/make.py")
 
