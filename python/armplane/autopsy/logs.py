@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import io
 import json
 import pathlib
 import re
@@ -348,42 +347,15 @@ def _sqlite(path):
 
 def _mcap(path):
     from mcap.records import Channel, Message, Schema
+    from mcap.stream_reader import StreamReader
 
     schemas, channels = {}, {}
     with open(path, "rb") as file:
-        for record in _records(file):
-            if isinstance(record, tuple):
-                channel, t_ns, data = record
-                yield *channels[channel], t_ns, data
-            elif isinstance(record, Message):
+        for record in StreamReader(file, record_size_limit=1 << 30).records:
+            if isinstance(record, Message):
                 yield *channels[record.channel_id], record.log_time, record.data
             elif isinstance(record, Schema):
-                schemas[record.id] = record
+                schemas[record.id] = record.name, record.encoding, record.data.decode("utf-8", "replace")
             elif isinstance(record, Channel) and record.id not in channels:
-                schema, is_cdr = schemas.get(record.schema_id), record.message_encoding == "cdr"
-                text = [(schema.name, schema.encoding, schema.data.decode("utf-8", "replace"))] if schema and is_cdr else []
-                channels[record.id] = record.topic, schema.name if schema else "", _types(text) if is_cdr else {}
-
-
-def _records(file):
-    """The records of an MCAP file; the messages in chunks by their first bytes, (channel, time, data) each, which takes a third of the library's time."""
-    from mcap.data_stream import ReadDataStream
-    from mcap.records import Channel, Chunk, Schema
-    from mcap.stream_reader import StreamReader, get_chunk_data_stream
-
-    head, kinds = struct.Struct("<BQHIQ"), {3: Schema, 4: Channel}
-    for record in StreamReader(file, emit_chunks=True, record_size_limit=1 << 30).records:
-        if not isinstance(record, Chunk):
-            yield record
-            continue
-        stream, size = get_chunk_data_stream(record)
-        data, end = stream.read(size), 0
-        while end + 9 <= len(data):
-            start, end = end, end + 9 + int.from_bytes(data[end + 1 : end + 9], "little")
-            if end > len(data):
-                raise ValueError("a record ends beyond its chunk")
-            if data[start] == 5:
-                _, _, channel, _, t_ns = head.unpack_from(data, start)
-                yield channel, t_ns, data[start + 31 : end]
-            elif data[start] in kinds:
-                yield kinds[data[start]].read(ReadDataStream(io.BytesIO(data[start + 9 : end])))
+                schema, is_cdr = schemas.get(record.schema_id, ("", "", "")), record.message_encoding == "cdr"
+                channels[record.id] = record.topic, schema[0], _types([schema]) if is_cdr else {}

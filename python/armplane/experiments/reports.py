@@ -1,5 +1,6 @@
 """A sweep read back: outcomes, distributions, a map over two keys, and the worst runs with the commands that repeat them."""
 
+import itertools
 import json
 import pathlib
 import shlex
@@ -11,10 +12,8 @@ from ..trials import _settings
 from .style import BLUE, curves, page
 from .sweeps import lack, read
 
-SHOWN = [
-    "position_max_mm", "orthogonal_max_mm", "orientation_max_deg", "orthogonal_max_deg", "final_position_mm", "speed_max_ratio", "torque_max_ratio",
-    "torque_step_max_ratio",
-]  # fmt: skip
+SHOWN = """position_max_mm orthogonal_max_mm orientation_max_deg orthogonal_max_deg final_position_mm speed_max_ratio torque_max_ratio
+torque_step_max_ratio""".split()
 CLASSES = 10
 
 
@@ -33,19 +32,17 @@ def report(folder, by="position_max_mm", keys=None, worst=10):
     if by not in table or not pd.api.types.is_numeric_dtype(table[by]) or table[by].isna().all():
         raise ValueError(f"the column {by!r} has no numbers; take one such as {SHOWN[0]}")
     shown = [column for column in dict.fromkeys([*SHOWN, by]) if column in table]
-    spread = table[shown].quantile([0, 0.5, 0.9, 0.99, 1]).T
-    spread.columns = ["min", "p50", "p90", "p99", "max"]
+    spread = table[shown].quantile([0, 0.5, 0.9, 0.99, 1]).T.set_axis(["min", "p50", "p90", "p99", "max"], axis=1)
     # First those that did not come to their task's end, then by the column; a number that is none is larger.
-    ranked = table[table[by].notna()].assign(done=table.get("completed", True)).sort_values(["done", by, "run"], ascending=[True, False, True], kind="stable")
-    command = lambda row: " ".join(
-        ["armplane", "run", shlex.quote(plan["scenario"])]
-        + [f"--set {shlex.quote(one)}" for one in _settings({**plan["settings"], **{key: row[key] for key in space}})]
-        + ["--out", f"{folder.name}-run-{row['run']}"]
-    )
+    ranked = table.dropna(subset=by).assign(done=table.get("completed", True)).sort_values(["done", by, "run"], ascending=[True, False, True], kind="stable")
+
+    def command(row):
+        sets = (f"--set {shlex.quote(one)}" for one in _settings({**plan["settings"], **row[space]}))
+        return " ".join(["armplane run", shlex.quote(plan["scenario"]), *sets, f"--out {folder.name}-run-{row['run']}"])
+
     result = {
-        "folder": str(folder), "scenario": plan["scenario"], "runs": len(table), "of": plan["runs"],
-        "outcomes": {key: int(count) for key, count in table["outcome"].value_counts().items()}, "lack": lack(table, {}),
-        "distributions": spread.to_dict("index"), "by": by,
+        "folder": str(folder), "scenario": plan["scenario"], "runs": len(table), "of": plan["runs"], "outcomes": table["outcome"].value_counts().to_dict(),
+        "lack": lack(table, {}), "distributions": spread.to_dict("index"), "by": by,
         "worst": [{"run": int(row["run"]), "value": float(row[by]), "outcome": row["outcome"], "command": command(row)} for _, row in ranked.head(worst).iterrows()],
     }  # fmt: skip
     _draw(folder / "report", table, plan, result, keys, by, shown)
@@ -53,13 +50,16 @@ def report(folder, by="position_max_mm", keys=None, worst=10):
     return result
 
 
+def _counted(outcomes):
+    return ", ".join(f"{outcome} {count}" for outcome, count in outcomes.items())
+
+
 def text(result):
     """The report for people."""
     counted = f"{result['runs']} runs" if result["runs"] == result["of"] else f"{result['runs']} of {result['of']} runs, those of complete chunks"
-    outcomes = ", ".join(f"{outcome} {count}" for outcome, count in result["outcomes"].items())
     spread = pd.DataFrame(result["distributions"]).T.to_string(float_format=lambda x: f"{x:.4g}")
     worst = "\n".join(f"{one['value']:12.4g}  {one['outcome']}\n    {one['command']}" for one in result["worst"])
-    return f"{result['scenario']}: {outcomes} in {counted}\n\n{spread}\n\nworst by {result['by']}\n{worst}"
+    return f"{result['scenario']}: {_counted(result['outcomes'])} in {counted}\n\n{spread}\n\nworst by {result['by']}\n{worst}"
 
 
 def heat(axes, table, x, y, by, aggregate="median"):
@@ -87,23 +87,21 @@ def _classes(values):
 
 def _draw(path, table, plan, result, keys, by, shown):
     notes = ["Curves: share of the runs with at most this value. Map: share of goals reached, and the median over the runs of a cell."]
-    subtitle = ", ".join(f"{outcome} {count}" for outcome, count in result["outcomes"].items())
     rows = [(2.2, 4)] * -(-len(shown) // 4) + ([(3.6, 2)] if len(keys) == 2 else [(2.6, 1)])
-    with page(path, f"{plan['scenario']}: {result['runs']} runs", subtitle, notes, rows, width=12) as panels:
-        cells = [axes for row in panels[:-1] for axes in row]
-        for axes in cells[len(shown) :]:
-            axes.axis("off")
-        for axes, column in zip(cells, shown):
-            values = np.sort(table[column].dropna().to_numpy(dtype=float))
-            values = values[np.isfinite(values)]
-            axes.step(values, np.arange(1, len(values) + 1) / max(len(values), 1), color=BLUE)
+    with page(path, f"{plan['scenario']}: {result['runs']} runs", _counted(result["outcomes"]), notes, rows, width=12) as (*above, below):
+        for axes, column in itertools.zip_longest(np.ravel(above), shown):
             axes.set_title(column)
-            if len(values) and values[0] >= 0 and values[-1] > 20 * max(values[0], 1e-5 * values[-1]):
+            values = table[column].replace(np.inf, np.nan).dropna().astype(float) if column else ()
+            if not len(values):
+                axes.axis("off")
+                continue
+            axes.ecdf(values, color=BLUE)
+            if values.min() >= 0 and values.max() > 20 * max(values.min(), 1e-5 * values.max()):
                 axes.set_xscale("log")
         if len(keys) == 2:
             reached = table.assign(reached=(table["outcome"] == "goal reached").astype(float))
-            for axes, column, name, how in zip(panels[-1], ("reached", by), ("goals reached", by), ("mean", "median")):
+            for axes, column, name, how in zip(below, ("reached", by), ("goals reached", by), ("mean", "median")):
                 heat(axes, reached, *keys, column, how)
                 axes.set_title(name)
         else:
-            curves(panels[-1][0], by, table[keys[0]], x=keys[0]).plot(table[keys[0]], table[by], "o", ms=3)
+            curves(below[0], by, table[keys[0]], x=keys[0]).plot(table[keys[0]], table[by], "o", ms=3)
