@@ -2,31 +2,28 @@
 """Circles, spirals, eights and random splines through the singular postures of arms, beside an independent search.
 
     pip install mujoco 'armplane[autopsy,experiments]'
-    python3 tests/paths.py [--arms puma560,ur5,panda] [--each 6] [--seed 1] [--program target/release/armplane] [--keep FOLDER]
+    python3 tests/paths.py [--arms puma560,ur5,panda] [--each 6] [--seed 1] [--keep ROWS.json]
 
 Each path leads through a posture in which the Jacobian loses rank, found along the slope of its smallest singular value. The independent search follows
 the path by damped least squares on MuJoCo's kinematics, from the same start; where it succeeds within 1 mm and 0.5° and the joint limits, the path is feasible.
-Prints, for each arm and kind, how many paths there are, were found feasible, reached the goal, met S1, were refused, and missed in silence (exit code 0
-with an error above 1 mm). Exit code 1: a silent miss, or S1 on less than 95 % of the paths found feasible.
+Prints, for each arm and kind, how many paths there are, were found feasible, reached the goal, met S1, were refused, and missed in silence (a goal that counts
+as reached with an error above 1 mm). Exit code 1: a silent miss, or S1 on less than 95 % of the paths found feasible.
 """
 
 import argparse
-import json
+import itertools
 import pathlib
-import subprocess
 import sys
-import tempfile
 
+import armplane
 import numpy as np
 import pandas
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-ROOT = pathlib.Path(__file__).resolve().parents[1]
-sys.path.append(str(ROOT / "python" / "tests"))
+sys.path.append(str(pathlib.Path(__file__).resolve().parents[1] / "python/tests"))
 import incidents
 
-KINDS = ("circle", "spiral", "eight", "spline")
 SPEEDS = (8.0, 4.0, 2.0)
 SAMPLES = 800
 
@@ -112,64 +109,51 @@ def way(kind, arm, q, random):
     return back[-1], [at(s) for s in np.linspace(0, 1, SAMPLES)], keys
 
 
-def trial(program, folder, name, arm, time, start, keys):
+def trial(name, arm, time, start, keys):
     q = ", ".join(f"{x:.12f}" for x in start)
     text = f'name = "{name}"\nrobot = "{arm}"\n[start]\nq = [{q}]\n[[segment]]\n{keys(time)}\n[plant]\nfloor_m = "none"\n'
-    file = folder / f"{name}.toml"
-    file.write_text(text)
-    done = subprocess.run([program, "run", str(file), "--no-record", "--out", str(folder / name)], capture_output=True, text=True)
-    summary = folder / name / "summary.json"
-    if not summary.exists():
-        return {"outcome": "refused", "why": done.stderr.strip()[-400:], "s1": False, "silent": False}
-    found = json.loads(summary.read_text())
-    task = found["task"]
-    reached = found["outcome"] == "goal reached"
-    return {
-        "outcome": "reached" if reached else "refused" if found["ticks"] < 50 else found["outcome"],
-        "why": found["reason"],
-        "s1": task["s1"],
-        "stretch": task["time_stretch"],
-        "silent": done.returncode == 0 and found["outcome"] != "followed to the boundary" and not task["position_max_mm"] < 1.0 + task["along_max_mm"],
-    }
+    try:
+        row = armplane.trial(text)
+    except ValueError as error:
+        row = {"outcome": "refused", "reason": str(error), "s1": False}
+    reached = row["outcome"] == "goal reached"
+    outcome = "reached" if reached else "refused" if row.get("ticks", 0) < 50 else row["outcome"]
+    silent = reached and not row["position_max_mm"] < 1.0 + row["along_max_mm"]
+    return {"scenario": text, "outcome": outcome, "why": row["reason"], "s1": row.get("s1", False), "stretch": row.get("time_stretch"), "silent": silent}
 
 
 def main():
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--arms", default="puma560,ur5,panda")
-    options.add_argument("--kinds", default=",".join(KINDS))
+    options.add_argument("--kinds", default="circle,spiral,eight,spline")
     options.add_argument("--each", type=int, default=6)
     options.add_argument("--seed", type=int, default=1)
-    options.add_argument("--program", default=str(ROOT / "target/release/armplane"))
-    options.add_argument("--keep")
+    options.add_argument("--keep", default="/dev/null", help="a JSON file for the rows, with their scenarios")
     args = options.parse_args()
-    folder = pathlib.Path(args.keep or tempfile.mkdtemp(prefix="paths-"))
-    folder.mkdir(parents=True, exist_ok=True)
     every = []
-    for name in args.arms.split(","):
-        arm = Arm(name)
-        for kind in args.kinds.split(","):
-            random = np.random.default_rng([args.seed, *name.encode(), *kind.encode()])
-            for k in range(args.each):
-                made = []
-                while not made:
-                    # A way through a stretched arm is often out of reach: some are tried for each posture.
-                    q = arm.lock(random)
-                    made = [found for _ in range(8) if (found := way(kind, arm, q, random))]
-                judged = ((one, arm.follow(one[0], one[1]) is not None) for one in made)
-                (start, _, keys), feasible = next((one for one in judged if one[1]), (made[-1], False))
-                for time in SPEEDS:
-                    path = f"{name}-{kind}-{k}-{time:g}s"
-                    every.append({"arm": name, "kind": kind, "path": path, "feasible": feasible, **trial(args.program, folder, path, name, time, start, keys)})
-                    print(".", end="", flush=True)
+    for name, kind in itertools.product(args.arms.split(","), args.kinds.split(",")):
+        arm, random = Arm(name), np.random.default_rng([args.seed, *name.encode(), *kind.encode()])
+        for k in range(args.each):
+            made = []
+            while not made:
+                # A way through a stretched arm is often out of reach: some are tried for each posture.
+                q = arm.lock(random)
+                made = [found for _ in range(8) if (found := way(kind, arm, q, random))]
+            found = next((one for one in made if arm.follow(*one[:2]) is not None), None)
+            start, _, keys = found or made[-1]
+            for time in SPEEDS:
+                path = f"{name}-{kind}-{k}-{time:g}s"
+                every.append({"arm": name, "kind": kind, "path": path, "feasible": found is not None, **trial(path, name, time, start, keys)})
+                print(".", end="", flush=True)
     table = pandas.DataFrame(every)
-    table.to_json(folder / "rows.json", orient="records", indent=1)
+    table.to_json(args.keep, orient="records", indent=1)
     reached, refused = (table.outcome == outcome for outcome in ("reached", "refused"))
     counted = table.assign(paths=1, reached=reached, refused=refused).groupby(["arm", "kind"])[["paths", "feasible", "reached", "s1", "refused", "silent"]].sum()
     print(f"\n{counted.assign(median_stretch=table.stretch.where(reached).groupby([table.arm, table.kind]).median())}")
     for row in table[table.silent | table.feasible & ~table.s1].itertuples():
         print(f"  {row.path}: {row.outcome}: {row.why}")
     share, silent = table.s1[table.feasible].mean(), table.silent.sum()
-    print(f"S1 on {share:.1%} of {table.feasible.sum()} paths found feasible; {silent} silent; files in {folder}")
+    print(f"S1 on {share:.1%} of {table.feasible.sum()} paths found feasible; {silent} silent")
     sys.exit(bool(silent or not share >= 0.95))
 
 

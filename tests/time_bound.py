@@ -10,8 +10,8 @@ ratio; then the median and the largest ratio. Exit code 1: the median is above 1
 """
 
 import argparse
-import statistics
 import sys
+import tomllib
 
 import armplane
 import numpy as np
@@ -23,10 +23,9 @@ SPEED, TORQUE, POINTS = 0.92, 0.95, 200
 
 def run(scenario):
     """The row of a run, the clock of its route, s, and the joint path over it."""
-    row, table = armplane.trial(scenario), armplane.trace(scenario)
-    joints = sorted((name for name in table.column_names if name.startswith("joint.q.")), key=lambda name: int(name.split(".")[-1]))
-    rate = table["control.scale.time"].to_numpy()
-    return row, np.concatenate([[0.0], np.cumsum(rate[:-1])]) * 1e-3, np.stack([table[name].to_numpy() for name in joints], axis=1)
+    row, table = armplane.trial(scenario), armplane.trace(scenario).to_pandas()
+    # The columns of the joints are in their order.
+    return row, np.append(0.0, np.cumsum(table["control.scale.time"][:-1])) * 1e-3, table.filter(like="joint.q.").to_numpy()
 
 
 def bound(arm, u, q):
@@ -58,41 +57,30 @@ def main():
     parser.add_argument("--count", type=int, default=3)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--speed", type=float, default=0.28)
-    parser.add_argument("--scenario", action="append", help="a file instead of drawn lines")
     options = parser.parse_args()
     toppra.setup_logging("ERROR")
-    tasks = [(name, name.rpartition("/")[2]) for name in options.scenario or []]
-    for robot in [] if tasks else options.robots.split(","):
-        drawn = armplane.lines(robot, options.count, options.seed, speed=options.speed)
-        tasks += [(line["scenario"], f"{robot}-{number}") for number, line in enumerate(drawn, 1)]
     ratios = []
-    for scenario, name in tasks:
-        row, u, q = run(scenario)
-        if not row.get("s1"):
-            print(f"{name:16} {row['outcome']}")
-            continue
-        # The path's own end, whatever settles after it.
-        legs = sum(float(line.split("=")[1]) for line in text(scenario).splitlines() if line.startswith("duration_s"))
-        taken = row["time_stretch"] * legs
-        end = min(round(taken * 1e3), len(u) - 1)
-        grid = np.linspace(0.0, u[end], POINTS)
-        path = np.stack([np.interp(grid, u, column) for column in q.T], axis=1)
-        least = bound(armplane.Arm.builtin(row["robot"]), grid, path)
-        if least is None:
-            print(f"{name:16} toppra finds no bound")
-            continue
-        ratios.append(taken / least)
-        print(f"{name:16} {taken:7.3f} s  bound {least:7.3f} s  ratio {ratios[-1]:.3f}  of the given clock {taken / legs:.3f}")
+    for robot in options.robots.split(","):
+        for number, line in enumerate(armplane.lines(robot, options.count, options.seed, speed=options.speed), 1):
+            name, (row, u, q) = f"{robot}-{number}", run(line["scenario"])
+            if not row.get("s1"):
+                print(f"{name:16} {row['outcome']}")
+                continue
+            # The path's own end, whatever settles after it.
+            legs = sum(leg["duration_s"] for leg in tomllib.loads(line["scenario"])["segment"])
+            taken = row["time_stretch"] * legs
+            grid = np.linspace(0.0, u[min(round(taken * 1e3), len(u) - 1)], POINTS)
+            least = bound(armplane.Arm.builtin(robot), grid, np.stack([np.interp(grid, u, column) for column in q.T], axis=1))
+            if least is None:
+                print(f"{name:16} toppra finds no bound")
+                continue
+            ratios.append(taken / least)
+            print(f"{name:16} {taken:7.3f} s  bound {least:7.3f} s  ratio {ratios[-1]:.3f}  of the given clock {taken / legs:.3f}")
     if not ratios:
         sys.exit("no run reached its goal")
-    median, most = statistics.median(ratios), max(ratios)
+    median, most = np.median(ratios), max(ratios)
     print(f"{len(ratios)} runs: median {median:.3f}, largest {most:.3f}")
-    sys.exit(median > 1.02 or most > 1.10)
-
-
-def text(scenario):
-    """A scenario's text, given as such or as a file."""
-    return scenario if "\n" in scenario else open(scenario).read()
+    sys.exit(bool(median > 1.02 or most > 1.10))
 
 
 if __name__ == "__main__":
