@@ -38,10 +38,9 @@ def built_in(name):
 def arms():
     """Six arms, (name for the command, tip, path of the URDF): three that are built in, three of `example-robot-data`."""
     others = next(path for root in sys.path for path in pathlib.Path(root).glob("cmeel.prefix/share/example-robot-data/robots"))
-    rows = [built_in(name) for name in ("ur5", "puma560", "panda")]
-    for name, tip in (("kinova_description/robots/kinova", "j2s6s200_link_6"), ("z1_description/urdf/z1", "link06"), ("talos_data/robots/talos_left_arm", "arm_left_7_link")):
-        rows.append((str(others / f"{name}.urdf"), tip, others / f"{name}.urdf"))
-    return rows
+    files = {"kinova_description/robots/kinova": "j2s6s200_link_6", "z1_description/urdf/z1": "link06", "talos_data/robots/talos_left_arm": "arm_left_7_link"}
+    paths = [(others / f"{name}.urdf", tip) for name, tip in files.items()]
+    return [*map(built_in, ("ur5", "puma560", "panda")), *((str(path), tip, path) for path, tip in paths)]
 
 
 class Arm:
@@ -49,21 +48,20 @@ class Arm:
 
     def __init__(self, name, tip, path):
         self.name, self.tip, root = name, tip, ElementTree.parse(path).getroot()
-        for link in root.iter("link"):
-            for one in [*link.findall("visual"), *link.findall("collision")]:
-                link.remove(one)
         parents = {joint.find("child").get("link"): joint for joint in root.findall("joint")}
         chain, link = [], tip
         while link in parents:
             chain.insert(0, parents[link])
             link = chain[0].find("parent").get("link")
-        for joint in parents.values():
-            joint.set("type", joint.get("type") if joint in chain else "fixed")
-            for mimic in joint.findall("mimic"):
-                joint.remove(mimic)
+        for joint in {*parents.values()} - {*chain}:
+            joint.set("type", "fixed")
+        for parent in [*root]:
+            for child in [*parent]:
+                if child.tag in ("visual", "collision", "mimic"):
+                    parent.remove(child)
         root.append(ElementTree.fromstring('<mujoco><compiler fusestatic="false" discardvisual="true" balanceinertia="true" boundmass="0.3" boundinertia="0.003"/></mujoco>'))
         moving = [joint for joint in chain if joint.get("type") != "fixed"]
-        limits = [{} if (limit := joint.find("limit")) is None else limit.attrib for joint in moving]
+        stated = lambda key: np.array([float(getattr(joint.find("limit"), "attrib", {}).get(key) or 0) for joint in moving])
         self.model = m = mujoco.MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode"))
         self.dt, self.gains = DT, (900.0, 60.0)
         m.opt.timestep, m.opt.integrator = DT, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -71,9 +69,9 @@ class Arm:
         m.dof_armature[:] += 0.02
         m.dof_damping[:], m.dof_frictionloss[:] = 0.3, 0
         self.joints, self.n, self.body, self.asked = [joint.get("name") for joint in moving], m.nv, m.body(tip).id, mujoco.MjData(m)
-        self.speed = np.array([float(limit.get("velocity") or 0) for limit in limits])
-        self.effort = np.array([float(limit.get("effort") or 0) or 1e6 for limit in limits])
-        turning = np.array([joint.get("type") == "continuous" for joint in moving])
+        self.speed, effort = stated("velocity"), stated("effort")
+        self.effort = np.where(effort == 0, 1e6, effort)
+        turning = [joint.get("type") == "continuous" for joint in moving]
         self.lower, self.upper = (np.where(turning, side, bound) for side, bound in zip((-1e3, 1e3), m.jnt_range.T))
         reach = max(np.abs(self.J(np.zeros(self.n))[:3]).max(), 0.2)
         self.length, self.scale = reach / 2, np.r_[np.full(3, reach / 2), np.ones(3)]
@@ -101,33 +99,33 @@ class Arm:
     def is_inside(self, q, room):
         return np.all(q > self.lower + room) and np.all(q < self.upper - room)
 
+    def sigma(self, q):
+        """The last singular value, and its gradient."""
+        value = self.lost(q)[1][5]
+        return value, np.array([self.lost(q + 1e-5 * one)[1][5] - value for one in np.eye(self.n)]) / 1e-5
+
     def singular_near(self, q, steps=40, floor=2e-4):
         """The posture of lower rank nearest to `q`, by the gradient of the last singular value; `None` where there is none within the limits."""
         q = np.array(q)
         for _ in range(steps):
-            value = self.lost(q)[1][5]
-            if value < floor:
+            if self.lost(q)[1][5] < floor:
                 return q
-            slope = np.array([self.lost(q + 1e-5 * one)[1][5] - value for one in np.eye(self.n)]) / 1e-5
+            value, slope = self.sigma(q)
             q = q - np.clip(value * slope / max(slope @ slope, 1e-9), -0.2, 0.2)
         return None
 
     def zeta(self, q):
-        """The direction lost at the singular posture nearest to `q`: the lost force's direction (None for a pure rotation) and the lost rotation at the wrist."""
+        """The direction lost at the singular posture nearest to `q`: the lost force's (`None` for a pure rotation), and the lost rotation's at the wrist."""
         at = self.singular_near(q)
         at = q if at is None or np.abs(at - q).max() > 0.4 else at
         w, J = self.lost(at)[0] / self.scale, self.J(at)
         # The wrist: the point of the last joint but one nearest to the axis before it.
-        a, b = J[3:, self.n - 3], J[3:, self.n - 2]
-        pa, pb = self.asked.xanchor[self.n - 3 : self.n - 1]
+        (a, b), (pa, pb) = J[3:, self.n - 3 : self.n - 1].T, self.asked.xanchor[self.n - 3 : self.n - 1]
         skew = 1 - (a @ b) ** 2
         wrist = pb if skew < 1e-9 else pb + b * (((pa - pb) @ b - ((pa - pb) @ a) * (a @ b)) / skew)
         force, moment = w[:3], w[3:] + np.cross(self.asked.xpos[self.body] - wrist, w[:3])
         sizes = np.linalg.norm(force), np.linalg.norm(moment)
-        return {
-            "force": force / sizes[0] if sizes[0] * self.length > 0.05 * sizes[1] else None,
-            "moment": moment / sizes[1] if sizes[1] > 0.1 * self.length * sizes[0] else None,
-        }
+        return force / sizes[0] if sizes[0] * self.length > 0.05 * sizes[1] else None, moment / sizes[1] if sizes[1] > 0.1 * self.length * sizes[0] else None
 
     def damped(self, q, V, factor):
         """Joint velocities by damped least squares."""
@@ -198,22 +196,32 @@ def draw(arm, rng, ends, margin):
     return low + (high - low) * rng.uniform(margin, 1 - margin, arm.n)
 
 
+def first(found, tries):
+    """The first of so many draws that is one."""
+    for _ in range(tries):
+        if (q := found()) is not None:
+            return q
+    raise Rejected
+
+
 def draw_singular(arm, rng):
     """A singular posture well within the limits that is not one of several at once."""
-    for _ in range(200):
+
+    def found():
         q = arm.singular_near(draw(arm, rng, 2.6, 0.1), 25)
-        if q is not None and arm.is_inside(q, 0.2) and arm.lost(q)[1][4] > 0.12 and np.abs(q).max() < 3:
-            return q
-    raise Rejected
+        return q if q is not None and arm.is_inside(q, 0.2) and arm.lost(q)[1][4] > 0.12 and np.abs(q).max() < 3 else None
+
+    return first(found, 200)
 
 
-def draw_regular(arm, rng, floor=0.13):
+def draw_regular(arm, rng):
     """A posture far from all singular ones."""
-    for _ in range(400):
-        q = draw(arm, rng, 2.4, 0.2)
-        if arm.lost(q)[1][5] > floor:
-            return q
-    raise Rejected
+    return first(lambda: q if arm.lost(q := draw(arm, rng, 2.4, 0.2))[1][5] > 0.13 else None, 400)
+
+
+def paced(V, speed):
+    """A twist of this speed, m/s, or of about three times as many rad/s."""
+    return V * speed / max(np.linalg.norm(V[:3]), 0.3 * np.linalg.norm(V[3:]))
 
 
 def approach(arm, rng):
@@ -224,8 +232,7 @@ def approach(arm, rng):
     u, qdot = arm.lost(near)[0], rng.normal(size=arm.n)
     V = arm.J(near) @ (qdot / np.linalg.norm(qdot)) / arm.scale
     V = V - (V @ u) * u
-    V = (V / max(np.linalg.norm(V), 1e-9) + rng.choice([-1, 1]) * rng.uniform(0.4, 1.5) * u) * arm.scale
-    V *= rng.uniform(0.06, 0.2) / max(np.linalg.norm(V[:3]), 0.3 * np.linalg.norm(V[3:]))
+    V = paced((V / max(np.linalg.norm(V), 1e-9) + rng.choice([-1, 1]) * rng.uniform(0.4, 1.5) * u) * arm.scale, rng.uniform(0.06, 0.2))
     q, back = near.copy(), rng.uniform(0.8, 2.0)
     for _ in range(int(back / 0.01)):
         q = q - 0.01 * arm.damped(q, V, 0.01)
@@ -317,16 +324,14 @@ class Base:
             span = np.minimum(arm.upper, middle + 0.9) - np.maximum(arm.lower, middle - 0.9)
             keep = lambda q: np.clip(q, arm.lower + 0.15, arm.upper - 0.15)
             self.start, self.end = (keep(middle + rng.uniform(-0.5, 0.5, arm.n) * span) for _ in range(2))
-            if decoy:
-                self.end = keep(2 * middle - self.start)
+            self.end = keep(2 * middle - self.start) if decoy else self.end
             self.time = max(1.2, (1.875 * np.abs(self.end - self.start) / (fraction * arm.speed)).max())
         else:
             self.start = draw_regular(arm, rng)
             if decoy:
                 self.start = draw_singular(arm, rng) + rng.choice([-1, 1], arm.n) * 0.06
             u, V = arm.lost(self.start)[0], rng.normal(size=6)
-            V = (V - (V @ u) * u) * arm.scale
-            self.V = V * rng.uniform(0.05, 0.15) / max(np.linalg.norm(V[:3]), 0.3 * np.linalg.norm(V[3:]))
+            self.V = paced((V - (V @ u) * u) * arm.scale, rng.uniform(0.05, 0.15))
             if fraction > 1:
                 needed = np.abs(arm.damped(self.start, self.V, 0.005)) / arm.speed
                 self.V, self.time = self.V * fraction / needed.max(), 1.2
@@ -337,8 +342,7 @@ class Base:
         arm, near = self.arm, np.flatnonzero(self.arm.upper < 50)
         j = near[rng.integers(len(near))]
         if self.mode == "joints":
-            self.start[j] = arm.upper[j] - rng.uniform(0.4, 0.8)
-            self.end[j] = arm.upper[j] + rng.uniform(0.15, 0.4)
+            self.start[j], self.end[j] = arm.upper[j] - rng.uniform(0.4, 0.8), arm.upper[j] + rng.uniform(0.15, 0.4)
         else:
             self.start[j] = self.q[j] = arm.upper[j] - 0.12
             self.V = arm.J(self.start) @ (np.eye(arm.n)[j] * 0.15 + rng.normal(0, 0.02, arm.n))
@@ -349,14 +353,13 @@ class Base:
         if self.mode == "joints":
             x, rate = quintic(t / self.time)
             return self.start + x * (self.end - self.start), rate / self.time * (self.end - self.start), None
-        V = self.V * quintic(t / 0.3)[0] * (1 - quintic((t - self.time + 0.4) / 0.4)[0])
-        qdot = self.arm.damped(self.q, V, 0.005)
-        missing = np.linalg.norm((self.arm.J(self.q) @ qdot - V) / self.arm.scale)
+        arm, V = self.arm, self.V * quintic(t / 0.3)[0] * (1 - quintic((t - self.time + 0.4) / 0.4)[0])
+        qdot = arm.damped(self.q, V, 0.005)
+        missing, asked = (np.linalg.norm(one / arm.scale) for one in (arm.J(self.q) @ qdot - V, V))
         # A base that strays from its own twist would be an incident already.
-        require(missing <= 0.1 * np.linalg.norm(V / self.arm.scale) + 1e-6)
-        require(self.fraction >= 1 or np.all(np.abs(qdot) <= 0.9 * self.arm.speed))
-        self.q = self.q + self.arm.dt * qdot
-        return self.q.copy(), qdot, V
+        require(missing <= 0.1 * asked + 1e-6 and (self.fraction >= 1 or np.all(np.abs(qdot) <= 0.9 * arm.speed)))
+        self.q = self.q + arm.dt * qdot
+        return self.q, qdot, V
 
 
 def other_incident(arm, rng, cause, mode, decoy):
@@ -425,26 +428,26 @@ def log_rows(arm, rows, rng, rate):
 
 TWIST, POSE = "linear.x linear.y linear.z angular.x angular.y angular.z", "position.x position.y position.z orientation.x orientation.y orientation.z orientation.w"
 # Words of a CSV's columns and how a joint's number or name follows, spelled as by four loggers.
-WORDS = {
-    0: ("position velocity effort position_command velocity_command", "{word}.{name}"),
-    1: ("actual_q actual_qd actual_moment target_q target_qd", "{word}_{j}"),
-    2: ("q dq tau_J q_d dq_d", "{word}[{j}]"),
-    3: ("position velocity effort position_command velocity_command", "{name}_{word}"),
-}
+WORDS = [
+    ("position velocity effort position_command velocity_command", "{word}.{name}"),
+    ("actual_q actual_qd actual_moment target_q target_qd", "{word}_{j}"),
+    ("q dq tau_J q_d dq_d", "{word}[{j}]"),
+    ("position velocity effort position_command velocity_command", "{name}_{word}"),
+]
 JOINT_KEYS = "q qdot tau q_cmd qdot_cmd".split()
 
 
 def write(log, arm, folder, rng, style):
     """Writes a log in one of six kinds; returns its path."""
-    if style in ("csv", "csv degrees"):
+    if style.startswith("csv"):
         return write_csv(log, arm, folder / "log.csv", rng, style == "csv degrees")
     return write_lerobot(log, arm, folder / "set") if style == "lerobot" else write_messages(log, arm, folder, style)
 
 
 def write_csv(log, arm, path, rng, degrees):
-    words, form = WORDS[int(rng.integers(4)) if not degrees else 1]
-    clock, columns = rng.integers(3), {}
-    columns[("time", "timestamp_ms", "stamp_ns")[clock]] = log["t"] * (1, 1e3, 1e9)[clock]
+    words, form = WORDS[1 if degrees else int(rng.integers(4))]
+    name, factor = (("time", 1), ("timestamp_ms", 1e3), ("stamp_ns", 1e9))[rng.integers(3)]
+    columns = {name: log["t"] * factor}
     for key, word in zip(JOINT_KEYS, words.split()):
         for j in rng.permutation(arm.n) if key in log else ():
             columns[form.format(word=word, j=j, name=arm.joints[j])] = np.degrees(log[key][:, j]) if degrees and key != "tau" else log[key][:, j]
@@ -474,26 +477,23 @@ def write_lerobot(log, arm, folder):
 
 def messages(log, arm, types):
     """ROS 2 messages of a log, (topic, t, message) in order of time; `types` are those of rosbags."""
-    order, t0 = sorted(range(arm.n), key=lambda j: arm.joints[j]), 1.7e9
+    order, t0, none = sorted(range(arm.n), key=lambda j: arm.joints[j]), 1.7e9, np.zeros(0)
     message = lambda name, *fields: types[name.replace("/", "/msg/")](*fields)
-    xyz = lambda name, x: message(f"geometry_msgs/{name}", *map(float, x))
+    pair = lambda name, x, first, second: message(f"geometry_msgs/{name}", message(f"geometry_msgs/{first}", *x[:3]), message(f"geometry_msgs/{second}", *x[3:]))
     for k, t in enumerate(log["t"]):
+        row = {key: values[k].astype(float) for key, values in log.items()}
         header = lambda frame="": message("std_msgs/Header", message("builtin_interfaces/Time", int(t0 + t), round((t % 1) * 1e9) % 1_000_000_000), frame)
-        q, qdot, tau = (log[key][k][order].astype(float) if key in log else np.zeros(0) for key in ("q", "qdot", "tau"))
-        yield "/joint_states", t0 + t, message("sensor_msgs/JointState", header(), [arm.joints[j] for j in order], q, qdot, tau)
-        if "q_cmd" in log:
-            speeds = log["qdot_cmd"][k] if "qdot_cmd" in log else np.full(arm.n, np.nan)
-            zero = message("builtin_interfaces/Duration", 0, 0)
-            point = message("trajectory_msgs/JointTrajectoryPoint", log["q_cmd"][k].astype(float), speeds.astype(float), np.zeros(0), np.zeros(0), zero)
+        state = (row[key][order] if key in row else none for key in ("q", "qdot", "tau"))
+        yield "/joint_states", t0 + t, message("sensor_msgs/JointState", header(), [arm.joints[j] for j in order], *state)
+        if "q_cmd" in row:
+            speeds = row.get("qdot_cmd", np.full(arm.n, np.nan))
+            point = message("trajectory_msgs/JointTrajectoryPoint", row["q_cmd"], speeds, none, none, message("builtin_interfaces/Duration", 0, 0))
             yield "/arm_controller/joint_trajectory", t0 + t, message("trajectory_msgs/JointTrajectory", header(), arm.joints, [point])
-        if "twist_cmd" in log:
-            v = log["twist_cmd"][k]
-            twist = message("geometry_msgs/Twist", xyz("Vector3", v[:3]), xyz("Vector3", v[3:]))
+        if "twist_cmd" in row:
+            twist = pair("Twist", row["twist_cmd"], "Vector3", "Vector3")
             yield "/servo_node/delta_twist_cmds", t0 + t, message("geometry_msgs/TwistStamped", header("base"), twist)
-        if "pose_cmd" in log:
-            x = log["pose_cmd"][k]
-            pose = message("geometry_msgs/Pose", xyz("Point", x[:3]), xyz("Quaternion", x[3:]))
-            yield "/target_pose", t0 + t, message("geometry_msgs/PoseStamped", header("base"), pose)
+        if "pose_cmd" in row:
+            yield "/target_pose", t0 + t, message("geometry_msgs/PoseStamped", header("base"), pair("Pose", row["pose_cmd"], "Point", "Quaternion"))
 
 
 def write_messages(log, arm, folder, style):
@@ -554,9 +554,9 @@ def incident(seed, rows, folder):
 
 def off_deg(arm, t, q, first):
     """Angle of a stated ζ to the true one, degrees; 90 where a rotation is stated for a translation, or the other way round."""
-    zeta, true = np.array(first["zeta"]), arm.zeta(q[np.argmin(np.abs(t - t[0] - first["t_nearest"]))])
-    part, kind = (zeta[:3], "force") if np.linalg.norm(zeta[:3]) > 0.5 else (zeta[3:], "moment")
-    return 90.0 if true[kind] is None else float(np.degrees(np.arccos(min(1.0, abs(part @ true[kind])))))
+    is_turn = int(np.linalg.norm(first["zeta"][:3]) < 0.5)
+    true = arm.zeta(q[np.argmin(np.abs(t - t[0] - first["t_nearest"]))])[is_turn]
+    return 90.0 if true is None else float(np.degrees(np.arccos(min(1.0, abs(np.reshape(first["zeta"], (2, 3))[is_turn] @ true)))))
 
 
 def main():
@@ -584,9 +584,9 @@ def main():
                     deg = off_deg(Arm(*rows[seed % len(rows)]), state["t"], state["q"], answer["evidence"][0])
             found.append((truth["cause"], answer["cause"], deg))
     table = pandas.DataFrame(found, columns=["true", "said", "deg"])
-    others = table[table.true != SINGULAR]
+    others = table.said[table.true != SINGULAR]
     print(f"{len(table)} incidents ({options.count - len(table)} seeds gave none): right cause first {(table.true == table.said).mean():.1%}; "
-          f"called a singularity falsely {(others.said == SINGULAR).sum()} of {len(others)}; ζ within 5° in {(table.deg < 5).sum()} of {table.deg.count()}")  # fmt: skip
+          f"called a singularity falsely {(others == SINGULAR).sum()} of {len(others)}; ζ within 5° in {(table.deg < 5).sum()} of {table.deg.count()}")  # fmt: skip
 
 
 if __name__ == "__main__":

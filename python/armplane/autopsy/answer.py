@@ -39,9 +39,9 @@ def autopsy(path, robot, tip=None, mapping=None, episode=None, picture=None):
     for piece in _pieces(log):
         m = motion_of(piece, robot)
         found.append((m, *find(piece, m)))
-    m, seen, ranked = max(found, key=lambda one: (one[2][0].cause != "none", one[2][0].weight))
+    m, seen, ranked = max(found, key=lambda one: (one[2][0].what != "none", one[2][0].weight))
     answer = _answer(source, log, m, seen, ranked)
-    others = [{"t": round(float(first.t), 4), "cause": first.cause} for _, _, (first, *_) in found if first.cause != "none" and first is not ranked[0]]
+    others = [{"t": round(float(first.t), 4), "cause": first.what} for _, _, (first, *_) in found if first.what != "none" and first is not ranked[0]]
     answer["others"] = others[:20]
     if picture is not None:
         from .picture import draw
@@ -61,11 +61,11 @@ def _pieces(log):
 def _answer(source, log, m, seen, ranked):
     robot, first, notes = m.robot, ranked[0], [*m.robot.notes, *log.notes, *m.notes]
     effect = next((one for one in seen if one.t >= first.t - 0.3), seen[0] if seen else None)
-    what, near = _WHAT.get(first.cause) or (effect.what if effect else "it went on"), m.sigma / m.usual
-    when = "" if first.cause in _WHAT else f" at {first.t:.2f} s"
-    reason = _REASONS.get(first.cause, f": {'not a singularity, but ' if near.min() < 0.3 else ''}{first.cause}")
+    what, near = _WHAT.get(first.what) or (effect.what if effect else "it went on"), m.sigma / m.usual
+    when = "" if first.what in _WHAT else f" at {first.t:.2f} s"
+    reason = _REASONS.get(first.what, f": {'not a singularity, but ' if near.min() < 0.3 else ''}{first.what}")
     sentences = [f"{source.name}: {what}{when}{reason}"] + [_sentence(text) for text in dict.fromkeys([*([effect.text] if effect else []), first.text])]
-    if first.cause not in ("singularity", *_WHAT):
+    if first.what not in ("singularity", *_WHAT):
         at = np.argmin(np.abs(m.t_k - first.t))
         sentences.append(f"No singularity: then, the smallest singular value was {near[at]:.0%} of this arm's usual one")
     if len(ranked) > 1 and ranked[1].weight > 0.6:
@@ -73,9 +73,9 @@ def _answer(source, log, m, seen, ranked):
     rate, seconds, columns = 1 / m.dt, log["q"].t[-1], {role: one.name for role, one in log.streams.items()}
     read_as = ", ".join(f"{role} ({name})" for role, name in columns.items())
     sentences += [*notes, f"Read: {read_as}; {rate:.0f} Hz, {seconds:.1f} s"]
-    evidence = [{"cause": one.cause, "t": round(one.t, 4), "weight": round(one.weight, 3), "text": one.text, **one.data} for one in ranked]
+    evidence = [{"cause": one.what, "t": round(one.t, 4), "weight": round(one.weight, 3), "text": one.text, **one.data} for one in ranked]
     answer = {
-        "log": source.name, "robot": robot.name, "cause": first.cause, "what": what, "t": round(first.t, 4), "text": " ".join(map(_ended, sentences)),
+        "log": source.name, "robot": robot.name, "cause": first.what, "what": what, "t": round(first.t, 4), "text": " ".join(map(_ended, sentences)),
         "evidence": evidence, "effects": [{"what": one.what, "t": round(one.t, 4), "text": one.text} for one in seen], "notes": notes,
         "rate_hz": round(rate, 2), "seconds": round(seconds, 3), "start": log.start, "columns": columns,
     }  # fmt: skip
