@@ -22,29 +22,30 @@ SCEPTIC = (
 )
 
 # Columns compared pair by pair, smaller is better.
-PAIRED = {
-    "error orthogonal to ζ, mm": "orthogonal_max_mm",
-    "error orthogonal to ζ, °": "orthogonal_max_deg",
-    "error along ζ, mm": "along_max_mm",
-    "error along ζ, °": "along_max_deg",
-    "torque step, share of the limit": "torque_step_max_ratio",
-    "peak joint speed, share of the limit": "speed_max_ratio",
-    "peak torque, share of the limit": "torque_max_ratio",
-    "time, of the plan": "time_stretch",
-}
+PAIRED = dict(
+    one.split(": ")
+    for one in """error orthogonal to ζ, mm: orthogonal_max_mm
+error orthogonal to ζ, °: orthogonal_max_deg
+error along ζ, mm: along_max_mm
+error along ζ, °: along_max_deg
+torque step, share of the limit: torque_step_max_ratio
+peak joint speed, share of the limit: speed_max_ratio
+peak torque, share of the limit: torque_max_ratio
+time, of the plan: time_stretch""".splitlines()
+)
 # Of the table: the median of a column over the runs to the end, or its largest value.
-NUMBERS = {
-    "⊥ ζ median, mm": "orthogonal_max_mm",
-    "⊥ °": "orthogonal_max_deg",
-    "∥ ζ median, mm": "along_max_mm",
-    "∥ °": "along_max_deg",
-    "step median": "torque_step_max_ratio",
-    "speed, most": "speed_max_ratio",
-    "torque, most": "torque_max_ratio",
-    "time median": "time_stretch",
-    "µs a tick": "median_us",
-}
-HEADINGS = ["law", "S1", "S1, step within the drive's rate", "S2", "to the end", "no run", *NUMBERS]
+NUMBERS = dict(
+    one.split(": ")
+    for one in """⊥ ζ median, mm: orthogonal_max_mm
+⊥ °: orthogonal_max_deg
+∥ ζ median, mm: along_max_mm
+∥ °: along_max_deg
+step median: torque_step_max_ratio
+speed, most: speed_max_ratio
+torque, most: torque_max_ratio
+time median: time_stretch
+µs a tick: median_us""".splitlines()
+)
 FLAGS, NUMERIC = ["s1", "s2", "completed", "within_rate"], list({*PAIRED.values(), *NUMBERS.values()})
 
 
@@ -62,11 +63,12 @@ def _of(rows):
     return f"{rows.clean.sum()} of {len(rows)}" if len(rows) else "–"
 
 
-def _law_row(name, rows):
-    """A law's row under the `HEADINGS`."""
+def _law_row(rows):
+    """A law's row of the main table."""
     done = rows[rows.completed]
-    numbers = [rows[column].max() if heading.endswith("most") else done[column].median() for heading, column in NUMBERS.items()]
-    return [name, _share(rows.s1), _share(rows.clean), *(str(rows[flag].sum()) for flag in ("s2", "completed", "no_run")), *map(_number, numbers)]
+    numbers = {heading: _number(rows[column].max() if heading.endswith("most") else done[column].median()) for heading, column in NUMBERS.items()}
+    counts = {heading: rows[flag].sum() for heading, flag in {"S2": "s2", "to the end": "completed", "no run": "no_run"}.items()}
+    return {"S1": _share(rows.s1), "S1, step within the drive's rate": _share(rows.clean), **counts, **numbers}
 
 
 def why(rows):
@@ -108,25 +110,29 @@ class Summary:
         found = {f"only {rivals[1]} does it": ~one & two, f"only {rivals[0]} does it": one & ~two, "both do it": one & two}
         return [(heading, tasks.idxmax()) for heading, tasks in found.items() if tasks.any()]
 
+    def main(self):
+        """The first table, a row for each law."""
+        return pandas.DataFrame({law: _law_row(rows) for law, rows in self.laws.items()}).T
+
+    def reasons(self):
+        return pandas.DataFrame({"missed, in so many runs": {law: why(rows) for law, rows in self.laws.items()}})
+
     def conditions(self):
-        """The second table: headings and rows, each cell S1 with clean torque of so many. A track counts all tasks, with the rows that it does not change."""
-        names = self.others.condition.unique()
-        tracks = [name for name in names if name in (OWN_CLOCK, NO_HINTS)]
-        varied = [name for name in names if name not in tracks]
-        body = []
+        """The second table, each cell S1 with clean torque of so many. A track counts all tasks, with the rows that it does not change."""
+        names, table = self.others.condition.unique(), {}
+        varied = [name for name in names if name not in (OWN_CLOCK, NO_HINTS)]
         for law, base in self.laws.items():
             mine = self.others[self.others.law == law].set_index("task")
-            found = {name: mine[mine.condition == name] for name in names}
-            line = [law, f"{base.on_time.sum()} of {len(base)}"]
-            for name in tracks:
+            found, row = {name: mine[mine.condition == name] for name in names}, {f"given clock, up to × {ON_TIME}": f"{base.on_time.sum()} of {len(base)}"}
+            for name in (name for name in names if name not in varied):
                 rows = pandas.concat([found[name], base])
                 rows = rows[~rows.index.duplicated()]
-                line.append(_of(rows) + (f", × {rows.time_stretch[rows.completed].median():.3g}" if name == OWN_CLOCK else ""))
-            some = next((found[name].index for name in varied if len(found[name])), [])
-            line += [_of(base.loc[some])] if varied else []
-            body.append([*line, *(_of(found[name]) for name in varied)])
-        headings = ["law", f"given clock, up to × {ON_TIME}", *(f"{name}, median time" if name == OWN_CLOCK else name for name in tracks)]
-        return [*headings, *(["nothing varied", *varied] if varied else [])], body
+                is_own = name == OWN_CLOCK
+                row[f"{name}, median time" if is_own else name] = _of(rows) + (f", × {rows.time_stretch[rows.completed].median():.3g}" if is_own else "")
+            if varied:
+                row["nothing varied"] = _of(base.loc[next((found[name].index for name in varied if len(found[name])), [])])
+            table[law] = row | {name: _of(found[name]) for name in varied}
+        return pandas.DataFrame(table).T
 
     def losses(self):
         """Where another law beats ours: the tasks that only it does, and numbers better by more than a tenth on tasks that both do by S2."""
@@ -148,33 +154,28 @@ class Summary:
         return lines
 
     def text(self):
-        table = lambda headings, body: ["| " + " | ".join(row) + " |" for row in [headings, ["---"] * len(headings), *body]]
-        lines = [f"{len(self.groups)} tasks, hash {self.digest}; our losses:", *(f"  {line}" for line in self.losses() or ["none"]), ""]
-        lines += table(HEADINGS, [_law_row(*law) for law in self.laws.items()])
-        lines += ["", "Why not S1 with the step within the rate (runs; one may miss several):", *(f"  {name}: {why(rows)}" for name, rows in self.laws.items())]
-        lines += ["", "S1 with the step within the rate, by track and with one thing varied:", *table(*self.conditions())]
-        sizes = self.groups.value_counts(sort=False).sort_index()
-        counts = lambda rows: rows.groupby("group").clean.sum().reindex(sizes.index).map(str)
-        headings = ["law", *(f"{group}, {size}" for group, size in sizes.items())]
-        lines += ["", "S1 with the step within the rate, by group:", *table(headings, [[name, *counts(rows)] for name, rows in self.laws.items()])]
-        return "\n".join([*lines, *(f"left out: {name}: {reason}" for name, reason in self.skipped.items())])
+        laws, sizes = self.laws.items(), self.groups.value_counts(sort=False).sort_index()
+        groups = pandas.DataFrame({law: rows.groupby("group").clean.sum().reindex(sizes.index) for law, rows in laws}).T
+        groups.columns = [f"{group}, {size}" for group, size in sizes.items()]
+        return "\n".join([
+            f"{len(self.groups)} tasks, hash {self.digest}; our losses:", *(f"  {line}" for line in self.losses() or ["none"]), "", *_markdown(self.main()), "",
+            "Why not S1 with the step within the rate (runs; one may miss several):", *(f"  {name}: {why(rows)}" for name, rows in laws), "",
+            "S1 with the step within the rate, by track and with one thing varied:", *_markdown(self.conditions()), "",
+            "S1 with the step within the rate, by group:", *_markdown(groups), *(f"left out: {name}: {reason}" for name, reason in self.skipped.items()),
+        ])  # fmt: skip
 
     def html(self, races=()):
         """One self-contained page. `races`: the input of [`picture.races`]."""
-        cell = lambda text, tag="td": f"<{tag}>{html.escape(str(text))}</{tag}>"
-        table = lambda head, body: "<table><tr>" + "".join(cell(one, "th") for one in head) + "".join("<tr>" + "".join(map(cell, line)) for line in body) + "</table>"
         listed = lambda lines: "<ul>" + "".join(f"<li>{html.escape(line)}" for line in lines) + "</ul>"
         map_head = "<tr><th>task" + "".join(f"<th><div>{html.escape(name)}</div>" for name in self.laws)
         map_body = "".join(self._line(task, group) for task, group in sorted(self.groups.items(), key=lambda one: (one[1], one[0])))
         skipped = listed(f"{name}: {reason}" for name, reason in self.skipped.items()) if self.skipped else "<p>None."
-        main = table(HEADINGS, [_law_row(*law) for law in self.laws.items()])
-        reasons = table(["law", "missed, in so many runs"], [[name, why(rows)] for name, rows in self.laws.items()])
         return (
             f"<!doctype html><meta charset=utf-8><title>armplane arena</title>{_STYLE}<h1>armplane arena</h1><p>{len(self.groups)} tasks, table {self.digest}, with {html.escape(self.versions)}<p><code>{html.escape(self.command)}</code>"
             f"<h2>Where we lose</h2>{listed(self.losses() or ['Nowhere by more than a tenth.'])}<h2>What a sceptic will say</h2>{listed(SCEPTIC)}"
-            f"<h2>Table</h2><div class=wide>{main}</div><p>S1, S2: armplane compare --help. Intervals: 95 %, Wilson. Medians: of the runs to the end. Step, speed, "
-            f"torque: share of the joint's limit. No run: refused in words, failed, or silent.<h2>Why not</h2>{reasons}<p>Of the runs without S1 and torque steps "
-            f"that the drives accept; a run may miss several.<h2>Tracks, and one thing varied</h2><div class=wide>{table(*self.conditions())}</div><p>S1 with torque "
+            f"<h2>Table</h2><div class=wide>{_table(self.main())}</div><p>S1, S2: armplane compare --help. Intervals: 95 %, Wilson. Medians: of the runs to the end. Step, speed, "
+            f"torque: share of the joint's limit. No run: refused in words, failed, or silent.<h2>Why not</h2>{_table(self.reasons())}<p>Of the runs without S1 and torque steps "
+            f"that the drives accept; a run may miss several.<h2>Tracks, and one thing varied</h2><div class=wide>{_table(self.conditions())}</div><p>S1 with torque "
             f"steps that the drives accept.<h2>Races</h2>{picture.races(races) or '<p>None.'}<h2>Task by task</h2><table class=map>{map_head}{map_body}</table><p>1: S1. "
             f"/: S1 with torque steps that the drives do not accept. 2: S2. ·: missed. R: refused in words. ×: failed.<h2>Left out</h2>{skipped}"
         )
@@ -188,6 +189,17 @@ class Summary:
             return f'<td style="background:{color}" title="{html.escape(f"{row.outcome}: {row.missed or row.reason}", quote=True)}">{sign}'
 
         return f"<tr><td>{html.escape(f'{group}: {task}')}" + "".join(map(one, self.laws.values())) + "</tr>"
+
+
+def _markdown(frame):
+    """The lines of a table."""
+    rows = [["law", *frame], ["---"] * (1 + len(frame.columns)), *frame.itertuples()]
+    return [f"| {' | '.join(map(str, row))} |" for row in rows]
+
+
+def _table(frame):
+    with pandas.option_context("display.max_colwidth", None):
+        return frame.rename_axis(columns="law").to_html(border=0)
 
 
 def _mark(row):
