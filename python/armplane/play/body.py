@@ -60,14 +60,11 @@ class Body:
         if not self.folder:
             return file
         scheme, _, path = file.rpartition("://")
-        home = pathlib.Path(self.folder)
-        homes = [home]
+        homes = [home := pathlib.Path(self.folder)]
         if scheme == "package":
-            ros = [os.environ.get(one, "") for one in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH")]
-            known = [pathlib.Path(one) for one in ":".join(ros).split(":") if one]
-            homes = [home, *home.parents, *known, *(one / "share" for one in known)]
-        found = (one / path for one in homes if (one / path).is_file())
-        return str(next(found, path))
+            ros = ":".join(os.environ.get(one, "") for one in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"))
+            homes += [*home.parents, *(pathlib.Path(one, end) for end in ("", "share") for one in ros.split(":") if one)]
+        return str(next((one / path for one in homes if (one / path).is_file()), path))
 
 
 def _tube(number, tip, reach):
