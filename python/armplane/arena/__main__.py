@@ -86,10 +86,9 @@ class Entry:
         """What its runs override in a task."""
         return {"control.strategy": self.argument, **self.settings} if self.own else {}
 
-    def options(self):
-        """Arguments and environment of its runs in processes."""
-        arguments = sets(self.settings) if self.own else []
-        return arguments, {"ARMPLANE_ARENA": "" if self.own else json.dumps(self.settings, sort_keys=True)}
+    def attributes(self):
+        """What is laid over an opponent's class, as JSON."""
+        return "" if self.own else json.dumps(self.settings, sort_keys=True)
 
     def graph(self, folder):
         """Writes the graph of an opponent's run. The opponent was loaded once before the table, so it need not be checked before each run."""
@@ -100,29 +99,29 @@ class Entry:
 
 def entries(names):
     """The requested rows (`NAME` or `NAME=FILE.py`, each with `:key=value` for another number), and the reason for each one left out."""
-    found, skipped, known = [], {}, {path.stem: path for path in OPPONENTS}
+    found, skipped, known = {}, {}, {path.stem: path for path in OPPONENTS}
     for text in names or [*DATA["own"], *known]:
         head, *pairs = text.split(":")
         settings = {key: _value(value) for key, _, value in (pair.partition("=") for pair in pairs)}
         name, _, file = head.partition("=")
-        if file or name in known:
+        title, strategy, is_file = ":".join([name, *pairs]), DATA["strategy"].get(name, name), file or name in known
+        if is_file:
             file = pathlib.Path(file or known[name]).resolve()
             if not file.is_file():
                 refuse(f"there is no file {file}: give the path of an opponent that exists")
             reason, about = asked_file(file, settings)
             if reason:
                 skipped[text] = reason
-            else:
-                found.append(Entry(":".join([name, *pairs]), str(file), False, about, settings))
-        elif (strategy := DATA["strategy"].get(name, name)) in armplane.laws(all=True):
-            found.append(Entry(text, strategy, True, settings={**DATA["published"].get(name, {}), **settings}))
+                continue
+            entry = Entry(title, str(file), False, about, settings)
+        elif strategy in armplane.laws(all=True):
+            entry = Entry(title, strategy, True, settings={**DATA["published"].get(name, {}), **settings})
         else:
             refuse(f"there is no law {name}: give NAME=FILE.py for a file of yours, or one of {', '.join([*DATA['own'], *known, *armplane.laws()])}")
-    names = [entry.name for entry in found]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice:
-        refuse(f"two laws are called {twice}: give one of them another name, NAME=FILE.py")
-    return found, skipped
+        if title in found:
+            refuse(f"two laws are called {title}: give one of them another name, NAME=FILE.py")
+        found[title] = entry
+    return [*found.values()], skipped
 
 
 def _value(text):
@@ -145,7 +144,8 @@ def asked_file(file, settings):
         about = json.loads(next(line for line in out.splitlines() if line.startswith('{"trials": ')))
     except (StopIteration, ValueError):
         return "it replaces the standard output, from which the arena reads the facts about its class", {}
-    return (f"its class has {len(about['trials'])} trials: at most {MOST_TRIALS}" if len(about["trials"]) > MOST_TRIALS else ""), about
+    count = len(about["trials"])
+    return f"its class has {count} trials: at most {MOST_TRIALS}" if count > MOST_TRIALS else "", about
 
 
 class End(threading.Thread):
@@ -246,24 +246,12 @@ def run(entry, task, condition, more=()):
 
 def stated_cost(file):
     """The times that an opponent's process has written, and nothing else from there: it can write what it likes."""
-    try:
+    with contextlib.suppress(OSError, ValueError, LookupError, TypeError):
         stated = json.loads(file.read_text().splitlines()[-1])
         times = {name: float(stated[name]) for name in ("median_us", "p99_us", "first_ms")}
-    except (OSError, ValueError, LookupError, TypeError):
-        return {}
-    return times if all(map(math.isfinite, times.values())) else {}
-
-
-def _environment(entry, folder):
-    return {**os.environ, **entry.options()[1], "ARMPLANE_ARENA_COST": f"{folder}/cost"}
-
-
-def _ended(done, codes):
-    """Outcome and reason of a run without numbers, or `None` if it has numbers."""
-    if done is None:
-        return {"outcome": "silent", "reason": f"no end within {LONGEST['run']} s"}
-    code, _, error = done
-    return None if code in codes else {"outcome": "refused" if code == 2 else "failed", "reason": _sentence(error)}
+        if all(map(math.isfinite, times.values())):
+            return times
+    return {}
 
 
 def _scalars(values):
@@ -283,21 +271,20 @@ def tried(entry, task, more):
 
 def one_run(entry, scenario, folder, more, record=False):
     """The same numbers from `armplane run` in `folder`/run, which can inject faults and record."""
-    law = ["--set", f"control.strategy={entry.argument}"] if entry.own else ["--graph", entry.graph(folder)]
-    keep = [] if record else ["--no-record"]
-    done = CHILDREN.run([_program(), "run", str(scenario), *law, *entry.options()[0], *more, *keep, "--out", f"{folder}/run", "--json"], _environment(entry, folder), LONGEST["run"])
-    file = pathlib.Path(folder) / "run" / "summary.json"
-    nothing = _ended(done, (0, 1) if file.is_file() else ())
-    if nothing:
-        return nothing
+    law = sets(entry.scenario()) if entry.own else ["--graph", entry.graph(folder)]
+    environment = {**os.environ, "ARMPLANE_ARENA": entry.attributes(), "ARMPLANE_ARENA_COST": f"{folder}/cost"}
+    command = [_program(), "run", str(scenario), *law, *more, *([] if record else ["--no-record"]), "--out", f"{folder}/run", "--json"]
+    done, file = CHILDREN.run(command, environment, LONGEST["run"]), pathlib.Path(folder) / "run/summary.json"
+    if done is None:
+        return {"outcome": "silent", "reason": f"no end within {LONGEST['run']} s"}
+    code, _, error = done
+    if code not in (0, 1) or not file.is_file():
+        return {"outcome": "refused" if code == 2 else "failed", "reason": _sentence(error)}
     summary = json.loads(file.read_text())
-    numbers = {**_scalars(summary["task"]), **_scalars(summary["joints"]), "missed": ", ".join(summary["task"]["missed"])}
-    whole = {key: summary[key] for key in ("robot", "ticks", "completed", "outcome", "reason")}
-    near = summary["singularities"]
-    if near:
-        whole["s_min"] = min(one["s_min"] for one in near)
-    whole["inside_ticks"] = sum(one["inside_ticks"] for one in near)
-    return {**numbers, **whole, "hash": summary["topics"].get("torque", {}).get("hash", "")}
+    near, task = summary["singularities"], summary["task"]
+    found = {**_scalars(task), **_scalars(summary["joints"]), "missed": ", ".join(task["missed"])}
+    found |= {key: summary[key] for key in ("robot", "ticks", "completed", "outcome", "reason")} | ({"s_min": min(one["s_min"] for one in near)} if near else {})
+    return {**found, "inside_ticks": sum(one["inside_ticks"] for one in near), "hash": summary["topics"].get("torque", {}).get("hash", "")}
 
 
 def after_delay(row):
@@ -314,10 +301,9 @@ def after_delay(row):
 
 def own_cost(entry, task, folder, more):
     """Microseconds that a law of armplane takes for a tick: the medians of analysis and law, in processes of their own like those of others."""
-    found = one_run(entry, task.copied(folder), folder, more)
-    if "ticks" not in found:
+    if "ticks" not in one_run(entry, task.copied(folder), folder, more):
         return None
-    latency = json.loads((pathlib.Path(folder) / "run" / "summary.json").read_text())["latency_us"]
+    latency = json.loads((pathlib.Path(folder) / "run/summary.json").read_text())["latency_us"]
     return sum(latency[name]["p50"] for name in ("analyzer", "controller") if name in latency)
 
 
@@ -368,10 +354,8 @@ def versions():
     """The installed packages of others, with their versions."""
     found = {}
     for name in DATA["packages"]:
-        try:
+        with contextlib.suppress(metadata.PackageNotFoundError):
             found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            continue
     return found
 
 
@@ -385,15 +369,12 @@ class Table:
     """The rows of a folder, which are not run again."""
 
     def __init__(self, folder, more):
-        self.path, self.lock, self.rows, self.more = folder / "rows.jsonl", threading.Lock(), {}, more
-        self.identity = [identity(), *more]
+        self.path, self.lock, self.rows, self.more, self.identity = folder / "rows.jsonl", threading.Lock(), {}, more, [identity(), *more]
         for line in self.path.read_text().splitlines() if self.path.is_file() else []:
-            try:
+            # Not so the last line of an interrupted run.
+            with contextlib.suppress(ValueError, LookupError, TypeError):
                 row = json.loads(line)
                 self.rows[row["key"]] = row
-            except (ValueError, LookupError, TypeError):
-                # The last line of an interrupted run.
-                continue
 
     def hold(self):
         """Takes the folder for this arena: two would lose rows to each other."""
@@ -410,7 +391,7 @@ class Table:
 
     def key(self, entry, task, condition):
         source = "" if entry.own else sources(pathlib.Path(entry.argument).parent)
-        parts = [self.identity, entry.name, entry.argument if entry.own else "", entry.options(), source, task.name, task.hash, condition]
+        parts = [self.identity, entry.name, entry.scenario(), entry.attributes(), source, task.name, task.hash, condition]
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:24]
 
     def fill(self, cells, jobs):
