@@ -13,7 +13,7 @@ except ImportError as error:
         raise
     sys.exit(f"{error}: pip install mujoco, for the Python {sys.executable}")
 
-from .drive import Drive
+from .drive import Drive, mask
 from .limited import Ended, limited
 from .noise import Gaussian
 from .process import Plant
@@ -22,6 +22,10 @@ from .process import Plant
 _SAME = 1e-5
 # Of the robot's inertia: with less, the law's gains are too high.
 _LIGHT = 0.5
+# All of the simulation that the next step depends on.
+_ALL = mujoco.mjtState.mjSTATE_INTEGRATION
+# A contact's surface counts as sliding from this speed on; m/s.
+_SLIDING = 5e-3
 # Longest time in which a scene is read and compiled, s: one can be endless, or say that a body is there a billion times.
 _LONGEST_S = 60
 _BAD = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
@@ -113,30 +117,22 @@ def _without_self_collision(spec, names):
             spec.add_exclude(bodyname1=body.name, bodyname2=other.name)
 
 
-class Surfaces:
-    """The scenario's surfaces, the same springs as in armplane's own plant (sim/src/surface.rs): they touch the hand at one point."""
-
-    # m/s
-    _SLIDING = 5e-3
-
-    def __init__(self, surfaces):
-        self.surfaces = surfaces
-
-    def force(self, p, v):
-        """Number of surfaces that a point at `p` with velocity `v` touches, and the force on it; N."""
-        count, force = 0, np.zeros(3)
-        for one in self.surfaces:
-            way, normal = p - one["point_m"], np.array(one["normal"], float)
-            distance = np.linalg.norm(way)
-            normal = way / distance if one.get("radius_m") else normal / np.linalg.norm(normal)
-            depth = one["radius_m"] - distance if one.get("radius_m") else -normal @ way
-            if depth > 0.0:
-                inwards = -normal @ v
-                pressing = one["stiffness_n_m"] * depth * max(0.0, 1.0 + one["damping_s_m"] * inwards)
-                sliding = v + inwards * normal
-                force += pressing * (normal - sliding * one["friction"] / max(np.linalg.norm(sliding), self._SLIDING))
-                count += 1
-        return count, force
+def _pressing(surfaces, p, v):
+    """Number of the scenario's surfaces that a point at `p` with velocity `v` touches, and the force on it, N: the same springs as in armplane's own plant
+    (sim/src/surface.rs), which touch the hand at one point."""
+    count, force = 0, np.zeros(3)
+    for one in surfaces:
+        way, radius = p - one["point_m"], one.get("radius_m")
+        normal = way if radius else np.array(one["normal"], float)
+        normal = normal / np.linalg.norm(normal)
+        depth = radius - np.linalg.norm(way) if radius else -normal @ way
+        if depth > 0.0:
+            inwards = -normal @ v
+            sliding = v + inwards * normal
+            pressing = one["stiffness_n_m"] * depth * max(0.0, 1.0 + one["damping_s_m"] * inwards)
+            force += pressing * (normal - sliding * one["friction"] / max(np.linalg.norm(sliding), _SLIDING))
+            count += 1
+    return count, force
 
 
 class World:
@@ -149,7 +145,7 @@ class World:
         scenario, self.arm, self.robot = job["scenario"], Arm(arm_text), job["robot"]["name"]
         self.where, self.said = os.path.basename(file) if file else self.robot, []
         options = scenario["plant"]
-        self.surfaces = Surfaces(options.get("surface", []))
+        self.surfaces = options.get("surface", [])
         try:
             spec = _spec(arm_text, file)
             self._find(spec)
@@ -300,7 +296,7 @@ class World:
                 d.qpos[self.qpos], d.qvel[self.dofs] = q, 0.0
         else:
             d.qfrc_applied[self.dofs] = tau
-            if self.surfaces.surfaces:
+            if self.surfaces:
                 self._press(tau)
             else:
                 mujoco.mj_step(m, d, self.substeps)
@@ -310,8 +306,7 @@ class World:
 
     def pressed(self):
         """Number of surfaces that the hand touches, and the force on it in base axes; N."""
-        arm = self.arm
-        return self.surfaces.force(arm.position, arm.jacobian()[:3] @ self.qdot)
+        return _pressing(self.surfaces, self.arm.position, self.arm.jacobian()[:3] @ self.qdot)
 
     def _press(self, tau):
         """The tick's sub-steps, each under the force of the surfaces at its beginning."""
@@ -321,15 +316,14 @@ class World:
             self.arm.move_to(self.q, self.qdot)
 
     def state(self):
-        """All of the simulation that the next step depends on."""
-        state = np.zeros(mujoco.mj_stateSize(self.model, mujoco.mjtState.mjSTATE_INTEGRATION))
-        mujoco.mj_getState(self.model, self.data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+        state = np.zeros(mujoco.mj_stateSize(self.model, _ALL))
+        mujoco.mj_getState(self.model, self.data, state, _ALL)
         return state.tobytes()
 
     def restore(self, state):
         """Goes on from the bytes that `state` gave, and returns those behind them."""
-        numbers = mujoco.mj_stateSize(self.model, mujoco.mjtState.mjSTATE_INTEGRATION)
-        mujoco.mj_setState(self.model, self.data, np.frombuffer(state, count=numbers), mujoco.mjtState.mjSTATE_INTEGRATION)
+        numbers = mujoco.mj_stateSize(self.model, _ALL)
+        mujoco.mj_setState(self.model, self.data, np.frombuffer(state, count=numbers), _ALL)
         self.arm.move_to(self.q, self.qdot)
         return state[8 * numbers :]
 
@@ -337,8 +331,7 @@ class World:
         """Bit i: joint i is at its stop."""
         m, q = self.model, self.q
         lower, upper = m.jnt_range[self.joints].T
-        at = m.jnt_limited[self.joints].astype(bool) & ((q <= lower) | (q >= upper))
-        return int(sum(1 << int(i) for i in np.flatnonzero(at)))
+        return mask(m.jnt_limited[self.joints].astype(bool) & ((q <= lower) | (q >= upper)))
 
     def touch(self):
         """Number of contacts of the arm, and the force on it in base axes; N."""
@@ -391,20 +384,14 @@ class MujocoPlant(Plant):
     def sample(self, tick, sensor, truth):
         world, arm, drive = self.world, self.world.arm, self.drive
         n, q, qdot = arm.n, world.q, world.qdot
-        reading = q if self.count is None else self.count * np.round(q / self.count + self.noise_counts * self.noise(tick))
-        sensor.q_encoder[:n] = reading.tolist()
-        sensor.tau_drive[:n] = truth.tau[:n] = drive.tau.tolist()
+        sensor.q_encoder[:n] = q if self.count is None else self.count * np.round(q / self.count + self.noise_counts * self.noise(tick))
+        sensor.tau_drive[:n] = truth.tau[:n] = drive.tau
         sensor.drive, sensor.stale_ticks = truth.drive, _ = drive.state, drive.stale_ticks
-        truth.q[:n], truth.qdot[:n] = q.tolist(), qdot.tolist()
-        truth.p_BE[:] = arm.position.tolist()
-        truth.R_BE[:] = arm.rotation.T.flatten().tolist()
-        truth.V_BE[:] = (arm.jacobian() @ qdot).tolist()
-        truth.energy_j = float(arm.data.energy.sum())
-        truth.contacts, force = world.touch()
-        truth.contact_force_n[:] = force.tolist()
+        truth.q[:n], truth.qdot[:n], truth.p_BE[:], truth.R_BE[:], truth.V_BE[:] = q, qdot, arm.position, arm.rotation.T.flatten(), arm.jacobian() @ qdot
+        truth.energy_j = arm.data.energy.sum()
+        truth.contacts, truth.contact_force_n[:] = world.touch()
         if (wrist := self.topics.get("wrist_force")) is not None:
-            noise = self.job["scenario"]["plant"]["wrist_noise_n"] * self.wrist_noise(tick)
-            wrist.force_n[:] = (world.pressed()[1] + noise).tolist()
+            wrist.force_n[:] = world.pressed()[1] + self.job["scenario"]["plant"]["wrist_noise_n"] * self.wrist_noise(tick)
         truth.limit_mask = world.limit_mask()
         truth.drive_flags, truth.saturation_mask, truth.refused = drive.flags, drive.saturation_mask, drive.refused
 

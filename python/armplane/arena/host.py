@@ -19,6 +19,7 @@ import numpy as np
 import armplane
 from armplane import wire
 
+from ..drive import mask
 from .arm import Arm
 from .laws import Law, Reference
 
@@ -75,21 +76,19 @@ class Host(armplane.Controller):
 
     def _answer(self, tick, tau, ref, state, torque):
         effort, n = self.law.arm.effort, self.dof
-        torque.tau[:n] = np.clip(tau, -effort, effort).tolist()
-        torque.saturation_mask = int(sum(1 << int(i) for i in np.flatnonzero(np.abs(tau) > effort)))
+        torque.tau[:n], torque.saturation_mask = np.clip(tau, -effort, effort), mask(np.abs(tau) > effort)
         settled = 0.0 if self.ended is None else (tick - self.ended) * self.dt
         torque.phase = wire.PHASE_RUNNING if self.ended is None else wire.PHASE_SETTLING if settled < self.settle else wire.PHASE_DONE
-        state.p_BE_d[:], state.R_BE_d[:], state.V_BE_d[:] = ref.p.tolist(), ref.R.T.flatten().tolist(), ref.V.tolist()
+        state.p_BE_d[:], state.R_BE_d[:], state.V_BE_d[:] = ref.p, ref.R.T.flatten(), ref.V
         state.time_scale, state.null_scale, state.task_scale, state.beta[:] = self.rate, 1.0, 1.0, [1.0] * 4
 
     def end(self):
         file = os.environ.get("ARMPLANE_ARENA_COST")
         if file and self.times:
             # The first tick may compile.
-            micros = np.array(self.times[1:] or self.times) / 1e3
-            line = {"ticks": len(self.times), "median_us": float(np.median(micros)), "p99_us": float(np.quantile(micros, 0.99)), "first_ms": self.times[0] / 1e6}
+            median, late = np.quantile(np.array(self.times[1:] or self.times) / 1e3, [0.5, 0.99]).tolist()
             with open(file, "a") as out:
-                out.write(json.dumps(line) + "\n")
+                print(json.dumps({"ticks": len(self.times), "median_us": median, "p99_us": late, "first_ms": self.times[0] / 1e6}), file=out)
 
 
 def main():

@@ -52,7 +52,7 @@ class Steered(Host):
             self.ended = tick
         self._answer(tick, np.asarray(tau, float).reshape(n), ref, state, torque)
         servo = self.topics["servo_state"]
-        servo.V_target[:], servo.p_target[:] = ref.V.tolist(), ref.p.tolist()
+        servo.V_target[:], servo.p_target[:] = ref.V, ref.p
         servo.speed_scale, servo.nearest, servo.age_s, servo.reason = 1.0, 1e9, age, wire.REASON_FOLLOWING
 
     def _advance(self, kind, target, age, singularity):
