@@ -15,7 +15,6 @@ except ImportError as error:
 
 from .drive import Drive, mask
 from .limited import Ended, limited
-from .noise import Gaussian
 from .process import Plant
 
 # A scene whose joints lie further from the robot's (m, or rad of their axes) is another arm.
@@ -363,8 +362,6 @@ class MujocoPlant(Plant):
         self.drive = Drive(arm.effort, arm.velocity, self.dt, plant["hold_ticks"], arm.bias().copy())
         bits = plant["encoder_bits"]
         self.count = np.where(arm.turns, 2.0 * np.pi, 1.0) / 2**bits if bits else None
-        self.noise, self.noise_counts = Gaussian(scenario["seed"], arm.n), plant["encoder_noise_counts"]
-        self.wrist_noise = Gaussian(~scenario["seed"] & (1 << 64) - 1, 3)
         print(self.world)
 
     def state(self):
@@ -382,16 +379,18 @@ class MujocoPlant(Plant):
         world.step(None if self.drive.braked else tau)
 
     def sample(self, tick, sensor, truth):
-        world, arm, drive = self.world, self.world.arm, self.drive
+        world, arm, drive, plant = self.world, self.world.arm, self.drive, self.job["scenario"]["plant"]
         n, q, qdot = arm.n, world.q, world.qdot
-        sensor.q_encoder[:n] = q if self.count is None else self.count * np.round(q / self.count + self.noise_counts * self.noise(tick))
+        # A function of seed and tick alone: after a death, the same readings come again.
+        noise = np.random.default_rng((self.job["scenario"]["seed"], tick)).standard_normal(n + 3)
+        sensor.q_encoder[:n] = q if self.count is None else self.count * np.round(q / self.count + plant["encoder_noise_counts"] * noise[:n])
         sensor.tau_drive[:n] = truth.tau[:n] = drive.tau
         sensor.drive, sensor.stale_ticks = truth.drive, _ = drive.state, drive.stale_ticks
         truth.q[:n], truth.qdot[:n], truth.p_BE[:], truth.R_BE[:], truth.V_BE[:] = q, qdot, arm.position, arm.rotation.T.flatten(), arm.jacobian() @ qdot
         truth.energy_j = arm.data.energy.sum()
         truth.contacts, truth.contact_force_n[:] = world.touch()
         if (wrist := self.topics.get("wrist_force")) is not None:
-            wrist.force_n[:] = world.pressed()[1] + self.job["scenario"]["plant"]["wrist_noise_n"] * self.wrist_noise(tick)
+            wrist.force_n[:] = world.pressed()[1] + plant["wrist_noise_n"] * noise[n:]
         truth.limit_mask = world.limit_mask()
         truth.drive_flags, truth.saturation_mask, truth.refused = drive.flags, drive.saturation_mask, drive.refused
 
