@@ -148,7 +148,7 @@ def main():
     table = pandas.DataFrame(every)
     table.to_json(args.keep, orient="records", indent=1)
     reached, refused = (table.outcome == outcome for outcome in ("reached", "refused"))
-    counted = table.assign(paths=1, reached=reached, refused=refused).groupby(["arm", "kind"])[["paths", "feasible", "reached", "s1", "refused", "silent"]].sum()
+    counted = table.assign(paths=1, reached=reached, refused=refused).groupby(["arm", "kind"])["paths feasible reached s1 refused silent".split()].sum()
     print(f"\n{counted.assign(median_stretch=table.stretch.where(reached).groupby([table.arm, table.kind]).median())}")
     for row in table[table.silent | table.feasible & ~table.s1].itertuples():
         print(f"  {row.path}: {row.outcome}: {row.why}")

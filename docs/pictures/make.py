@@ -33,7 +33,7 @@ CELL, COLUMNS = (452, 442), 5
 # Frames per second, the window, width of a frame.
 RATE, WINDOW, WIDTH = 10, "1280x860", 676
 # Kinds of paths, as `armplane new --path` knows them.
-KINDS = ["line", "circle", "waypoints", "spline", "table"]
+KINDS = "line circle waypoints spline table".split()
 
 
 def recording(program, words, folder):

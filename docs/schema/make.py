@@ -109,7 +109,7 @@ def definitions():
     """The schema of every type in the files, by name."""
     found, flattened = {}, []
     words_of = lambda comments: text_of(comments.splitlines())
-    names = ["scenario", "fault", "fault/kind", "summary", "job", "graph/topology", "process", "layout"]
+    names = "scenario fault fault/kind summary job graph/topology process layout".split()
     for file in [*(TYPES / f"{name}.rs" for name in names), *sorted((TYPES / "scenario").glob("*.rs"))]:
         source = file.read_text().split("#[cfg(test)]")[0]
         head = r"((?:^///[^\n]*\n)*)((?:^#\[[^\n]*\n)*)^pub (struct|enum) (\w+) \{\n(.*?)^\}"

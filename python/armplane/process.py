@@ -13,7 +13,7 @@ class Process:
     `incarnation`: number of starts of this process in this run.
     """
 
-    _GIVEN = ("joined", "now", "job", "dof", "dt", "lockstep", "incarnation", "topics")
+    _GIVEN = "joined now job dof dt lockstep incarnation topics".split()
 
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)

@@ -7,31 +7,21 @@ import os
 import pathlib
 import shutil
 import subprocess
+import sysconfig
 import tempfile
-from importlib import metadata
 
 
 def _program():
-    """The program `armplane`: named by the environment variable ARMPLANE, from this package's wheel, from PATH, or built by cargo in a folder above."""
-    named = os.environ.get("ARMPLANE") or _installed() or shutil.which("armplane")
-    if named:
+    """The program `armplane`: named by the environment variable ARMPLANE, beside this Python, from PATH, or built by cargo in a folder above."""
+    path = os.pathsep.join([sysconfig.get_path("scripts"), os.environ.get("PATH", os.defpath)])
+    if named := os.environ.get("ARMPLANE") or shutil.which("armplane", path=path):
         return named
     here = pathlib.Path(__file__).resolve()
     for folder in [pathlib.Path.cwd(), *pathlib.Path.cwd().parents, *here.parents]:
-        built = folder / "target" / "release" / "armplane"
+        built = folder / "target/release/armplane"
         if built.is_file():
             return str(built)
     raise FileNotFoundError("there is no program `armplane` in PATH: install the wheel that `python/build` makes, or set ARMPLANE to its path")
-
-
-def _installed():
-    """The program installed with this package, or `None` if the package runs from its source tree."""
-    try:
-        files = metadata.files("armplane") or []
-    except metadata.PackageNotFoundError:
-        return None
-    paths = [pathlib.Path(file.locate()).resolve() for file in files if file.name == "armplane" and "bin" in file.parts]
-    return next((str(path) for path in paths if path.is_file()), None)
 
 
 def _sentence(stderr):

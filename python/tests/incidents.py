@@ -19,8 +19,6 @@ import xml.etree.ElementTree as ElementTree
 import mujoco
 import numpy as np
 import pandas
-import pyarrow
-from pyarrow import parquet
 from scipy.spatial.transform import Rotation
 
 DT = 0.002
@@ -461,15 +459,13 @@ def write_csv(log, arm, path, rng, degrees):
 def write_lerobot(log, arm, folder):
     for name in ("data/chunk-000", "meta"):
         (folder / name).mkdir(parents=True)
-    vectors = {"observation.state": log["q"], "action": log.get("q_cmd", log["q"])}
-    vectors |= {name: log[key] for key, name in (("qdot", "observation.velocity"), ("tau", "observation.effort"), ("twist_cmd", "action.twist")) if key in log}
-    count = len(log["t"])
-    table = {key: pyarrow.array(list(x.astype(np.float32)), pyarrow.list_(pyarrow.float32(), x.shape[1])) for key, x in vectors.items()}
-    table |= {"timestamp": log["t"].astype(np.float32), "frame_index": np.arange(count), "episode_index": np.zeros(count, int)}
-    parquet.write_table(pyarrow.table(table), folder / "data/chunk-000/episode_000000.parquet")
-    positions = [f"{joint}.pos" for joint in arm.joints]
+    columns = {"q": "observation.state", "q_cmd": "action", "qdot": "observation.velocity", "tau": "observation.effort", "twist_cmd": "action.twist"}
+    vectors = {name: x.astype(np.float32) for key, name in columns.items() if (x := log.get(key, log["q"] if key == "q_cmd" else None)) is not None}
+    count, positions = len(log["t"]), [f"{joint}.pos" for joint in arm.joints]
+    rows = {**{name: list(x) for name, x in vectors.items()}, "timestamp": log["t"].astype(np.float32), "frame_index": range(count), "episode_index": [0] * count}
+    pandas.DataFrame(rows).to_parquet(folder / "data/chunk-000/episode_000000.parquet")
     names = {"observation.state": positions, "action": positions, "action.twist": TWIST.split()}
-    features = {key: {"dtype": "float32", "shape": [x.shape[1]], "names": names.get(key, arm.joints)} for key, x in vectors.items()}
+    features = {name: {"dtype": "float32", "shape": [x.shape[1]], "names": names.get(name, arm.joints)} for name, x in vectors.items()}
     info = {"codebase_version": "v2.1", "fps": round(1 / np.median(np.diff(log["t"]))), "total_episodes": 1, "features": features}
     (folder / "meta/info.json").write_text(json.dumps(info))
     return folder

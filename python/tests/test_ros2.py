@@ -24,7 +24,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 HERE = pathlib.Path(__file__).parent
 MISSING = [name for name in ("cyclonedds", "rosbags") if importlib.util.find_spec(name) is None]
 pytestmark = pytest.mark.skipif(bool(MISSING), reason=f"missing in Python: {MISSING}: pip install 'armplane[ros2]' rosbags")
-JOINTS = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"]
+JOINTS = "shoulder_pan shoulder_lift elbow wrist_1 wrist_2 wrist_3".split()
 NEAR_LOCK = np.array([0.3, -1.2, 1.4, -0.6, 0.15, 0.2])
 TWIST, POSE, JOG, PATH = "servo_node/delta_twist_cmds", "servo_node/pose_target_cmds", "servo_node/delta_joint_cmds", "joint_trajectory"
 
