@@ -50,8 +50,7 @@ def nan(log, m):
 
 
 def gap(log, m):
-    """Stamps that leave out several periods, of the state or of a command that came at a steady rate; or that run back. A command that stood still, bit by bit,
-    while it moved before and after."""
+    """Stamps that leave out several periods, of the state or of a command that came at a steady rate; or that run back."""
     for role, stream in log.streams.items():
         steps, t = np.diff(stream.t), stream.t
         if (steps < -1e-3).any():
@@ -64,43 +63,26 @@ def gap(log, m):
             if late.any() and late.mean() <= 0.02 and np.quantile(steps, 0.9) <= 3 * usual:
                 words = f"{'the log' if role == 'q' else stream.name} has no message for {seconds:.3f} s ({seconds / usual:.0f} periods)"
                 yield Found(GAP, t[k], words, 0.92, seconds=seconds, until=t[k + 1], role=role)
-    still = np.r_[False, (np.diff(m.qc, axis=0) == 0).all(axis=1)] if m.qc is not None else np.ones(1)
-    for a, b in runs(still) if still.mean() <= 0.3 else ():
-        moved = np.abs(m.vc[max(a - 3 - m.reach, 0)]).max() > 0.05 and b < len(m.t) - 2 and np.abs(m.qc[b] - m.qc[b - 1]).max() > 0.01
-        if b - a >= 5 and m.t[b - 1] - m.t[a] > 0.06 and moved:
-            seconds = m.t[b] - m.t[a]
-            yield Found(GAP, m.t[a], f"the command stood still for {seconds:.3f} s and then went on elsewhere", 0.85, seconds=seconds, until=m.t[b])
 
 
 def command_jump(log, m):
-    """A step in the command that its neighbours do not announce; a step of joint commands that leaves the hand where it is, is a singularity's."""
+    """A step in the command that its neighbours do not announce."""
     for role, floor in (("q_cmd", 0.03), ("pose_cmd", 0.01)):
         stream, is_joints = log[role], role == "q_cmd"
         if stream is None or len(stream.t) < 12 or stream is log["q"]:
             continue
         x = stream.x if is_joints else stream.x[:, :3, 3]
         known = np.isfinite(x).all(axis=1)
-        x, t = x[known], stream.t[known]
-        step, dt = np.diff(x, axis=0), np.diff(t)
+        step, dt, t = np.diff(x[known], axis=0), np.diff(stream.t[known]), stream.t[known]
         # The part of a step beyond the mean of the ones around it; a gap's step may be as long as the gap.
-        around = (np.r_[step[:1], step[:-1]] + np.r_[step[1:], step[-1:]]) / 2
-        odd, usual = np.abs(step - around).max(axis=1) - 1.5 * np.abs(around).max(axis=1) * np.maximum(dt / np.median(dt) - 1, 0), np.median(dt)
+        around, usual = (np.r_[step[:1], step[:-1]] + np.r_[step[1:], step[-1:]]) / 2, np.median(dt)
+        odd = np.abs(step - around).max(axis=1) - 1.5 * np.abs(around).max(axis=1) * np.maximum(dt / usual - 1, 0)
         k = np.argmax(odd)
         fourth, size = np.sort(odd[max(0, k - 12) : k + 13])[-4], np.abs(step[k])
-        if odd[k] < max(floor, 4 * fourth) or dt[k] > 4 * usual or is_joints and _keeps_hand(m, x[k], x[k + 1]):
-            continue
-        j = np.argmax(size)
-        part = f"{m.robot.joints[j]} by {np.degrees(step[k][j]):.1f}°" if is_joints else f"the pose by {1000 * np.linalg.norm(step[k]):.0f} mm"
-        yield Found(JUMP, t[k + 1], f"the command moves {part} from one message to the next", 0.95, role=role, step=size[j])
-
-
-def _keeps_hand(m, before, after):
-    """Whether a step of the joints is one along the lost direction: it turns joints, and hardly moves the hand."""
-    r, step = m.robot, after - before
-    pose, J = r.move(np.stack([before, after, (before + after) / 2]))
-    _, sigma, null = r.decompose(J[2:])
-    size = max(np.linalg.norm(step), 1e-9)
-    return sigma[0] < 0.35 * m.usual and abs(null[0] @ step) > 0.7 * size and np.linalg.norm(pose[1, :3, 3] - pose[0, :3, 3]) < 0.6 * r.length * size
+        if odd[k] >= max(floor, 4 * fourth) and dt[k] <= 4 * usual:
+            j = np.argmax(size)
+            part = f"{m.robot.joints[j]} by {np.degrees(step[k][j]):.1f}°" if is_joints else f"the pose by {1000 * np.linalg.norm(step[k]):.0f} mm"
+            yield Found(JUMP, t[k + 1], f"the command moves {part} from one message to the next", 0.95, role=role, step=size[j])
 
 
 # --- limits ---
