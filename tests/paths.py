@@ -17,6 +17,7 @@ import sys
 
 import armplane
 import numpy as np
+from numpy.linalg import norm
 import pandas
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
@@ -53,7 +54,7 @@ class Arm(incidents.Arm):
                     if np.abs(e / self.scale).max() < 1e-6:
                         break
                     at = at + self.damped(at, e, damping)
-                far = np.linalg.norm(e[:3]) > 9e-4 or np.linalg.norm(e[3:]) > 7e-3
+                far = norm(e[:3]) > 9e-4 or norm(e[3:]) > 7e-3
                 if far or not self.is_inside(at, 2e-3) or np.abs(at - found[-1]).max() > 0.25:
                     break
                 found.append(at.copy())
@@ -63,7 +64,7 @@ class Arm(incidents.Arm):
 
 
 def unit(v):
-    return v / np.linalg.norm(v)
+    return v / norm(v)
 
 
 def way(kind, arm, q, random):

@@ -8,6 +8,7 @@ import sys
 try:
     import mujoco
     import numpy as np
+    from numpy.linalg import norm
 except ImportError as error:
     if __name__ != "__main__":
         raise
@@ -123,13 +124,13 @@ def _pressing(surfaces, p, v):
     for one in surfaces:
         way, radius = p - one["point_m"], one.get("radius_m")
         normal = way if radius else np.array(one["normal"], float)
-        normal = normal / np.linalg.norm(normal)
-        depth = radius - np.linalg.norm(way) if radius else -normal @ way
+        normal = normal / norm(normal)
+        depth = radius - norm(way) if radius else -normal @ way
         if depth > 0.0:
             inwards = -normal @ v
             sliding = v + inwards * normal
             pressing = one["stiffness_n_m"] * depth * max(0.0, 1.0 + one["damping_s_m"] * inwards)
-            force += pressing * (normal - sliding * one["friction"] / max(np.linalg.norm(sliding), _SLIDING))
+            force += pressing * (normal - sliding * one["friction"] / max(norm(sliding), _SLIDING))
             count += 1
     return count, force
 
@@ -356,7 +357,7 @@ class MujocoPlant(Plant):
     """armplane's own drives and encoders around MuJoCo's arm."""
 
     def setup(self):
-        scenario, plant = self.job["scenario"], self.job["scenario"]["plant"]
+        plant = self.job["scenario"]["plant"]
         self.world = World(self.job, self.mjcf(), *sys.argv[1:2])
         arm = self.world.arm
         self.drive = Drive(arm.effort, arm.velocity, self.dt, plant["hold_ticks"], arm.bias().copy())

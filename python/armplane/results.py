@@ -4,7 +4,7 @@ import functools
 import html
 import json
 import os
-import pathlib
+from pathlib import Path
 import shutil
 import subprocess
 import sysconfig
@@ -16,8 +16,8 @@ def _program():
     path = os.pathsep.join([sysconfig.get_path("scripts"), os.environ.get("PATH", os.defpath)])
     if named := os.environ.get("ARMPLANE") or shutil.which("armplane", path=path):
         return named
-    here = pathlib.Path(__file__).resolve()
-    for folder in [pathlib.Path.cwd(), *pathlib.Path.cwd().parents, *here.parents]:
+    here = Path(__file__).resolve()
+    for folder in [Path.cwd(), *Path.cwd().parents, *here.parents]:
         built = folder / "target/release/armplane"
         if built.is_file():
             return str(built)
@@ -44,7 +44,7 @@ class Run:
     """A finished run: `folder`, `summary` (as in summary.json), and its tables."""
 
     def __init__(self, folder):
-        self.folder = pathlib.Path(folder)
+        self.folder = Path(folder)
         with open(self.folder / "summary.json") as file:
             self.summary = json.load(file)
 
@@ -138,14 +138,14 @@ def run(scenario, *, graph=None, plant=None, mode=None, seed=None, out=None, set
         arguments += ["--set", f"{key}={toml(value)}"]
     if not record:
         arguments.append("--no-record")
-    folder = pathlib.Path(out) if out is not None else _next_folder(pathlib.Path(str(scenario)).stem)
+    folder = Path(out) if out is not None else _next_folder(Path(str(scenario)).stem)
     _armplane(*arguments, "--out", folder)
     return Run(folder)
 
 
 def _next_folder(name):
     number = 1
-    while (folder := pathlib.Path("runs") / f"{name}-{number:03}").exists():
+    while (folder := Path("runs") / f"{name}-{number:03}").exists():
         number += 1
     return folder
 

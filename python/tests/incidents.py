@@ -10,7 +10,7 @@ a cause is the one that was put in, kept only where the controller itself has fe
 
 import argparse
 import json
-import pathlib
+from pathlib import Path
 import sys
 import tempfile
 import tomllib
@@ -18,11 +18,12 @@ import xml.etree.ElementTree as ElementTree
 
 import mujoco
 import numpy as np
+from numpy.linalg import norm
 import pandas
 from scipy.spatial.transform import Rotation
 
 DT = 0.002
-ROBOTS = next(path for folder in pathlib.Path(__file__).resolve().parents if (path := folder / "services/model/robots").is_dir())
+ROBOTS = next(path for folder in Path(__file__).resolve().parents if (path := folder / "services/model/robots").is_dir())
 SINGULAR, OTHERS = "singularity", ("joint limit", "speed limit", "torque limit", "gap in the stamps", "jump in the command", "NaN", "oscillation", "unknown", "none")
 LAWS = ("dls", "pinv clamped", "servo halt", "pinv fault", "inverse kinematics", "impedance")
 STYLES = ("csv", "csv degrees", "lerobot", "mcap", "rosbag2", "rosbag2 mcap")
@@ -35,7 +36,7 @@ def built_in(name):
 
 def arms():
     """Six arms, (name for the command, tip, path of the URDF): three that are built in, three of `example-robot-data`."""
-    others = next(path for root in sys.path for path in pathlib.Path(root).glob("cmeel.prefix/share/example-robot-data/robots"))
+    others = next(path for root in sys.path for path in Path(root).glob("cmeel.prefix/share/example-robot-data/robots"))
     files = {"kinova_description/robots/kinova": "j2s6s200_link_6", "z1_description/urdf/z1": "link06", "talos_data/robots/talos_left_arm": "arm_left_7_link"}
     paths = [(others / f"{name}.urdf", tip) for name, tip in files.items()]
     return [*map(built_in, ("ur5", "puma560", "panda")), *((str(path), tip, path) for path, tip in paths)]
@@ -122,7 +123,7 @@ class Arm:
         skew = 1 - (a @ b) ** 2
         wrist = pb if skew < 1e-9 else pb + b * (((pa - pb) @ b - ((pa - pb) @ a) * (a @ b)) / skew)
         force, moment = w[:3], w[3:] + np.cross(self.asked.xpos[self.body] - wrist, w[:3])
-        sizes = np.linalg.norm(force), np.linalg.norm(moment)
+        sizes = norm(force), norm(moment)
         return force / sizes[0] if sizes[0] * self.length > 0.05 * sizes[1] else None, moment / sizes[1] if sizes[1] > 0.1 * self.length * sizes[0] else None
 
     def damped(self, q, V, factor):
@@ -219,18 +220,18 @@ def draw_regular(arm, rng):
 
 def paced(V, speed):
     """A twist of this speed, m/s, or of about three times as many rad/s."""
-    return V * speed / max(np.linalg.norm(V[:3]), 0.3 * np.linalg.norm(V[3:]))
+    return V * speed / max(norm(V[:3]), 0.3 * norm(V[3:]))
 
 
 def approach(arm, rng):
     """A start posture and a constant twist that lead past a singular posture, with a part along ζ."""
     at = draw_singular(arm, rng)
     slope = np.array([arm.lost(at + 0.05 * one)[1][5] for one in np.eye(arm.n)])
-    near = at + rng.choice([-1, 1]) * rng.uniform(0.02, 0.07) * slope / max(np.linalg.norm(slope), 1e-6)
+    near = at + rng.choice([-1, 1]) * rng.uniform(0.02, 0.07) * slope / max(norm(slope), 1e-6)
     u, qdot = arm.lost(near)[0], rng.normal(size=arm.n)
-    V = arm.J(near) @ (qdot / np.linalg.norm(qdot)) / arm.scale
+    V = arm.J(near) @ (qdot / norm(qdot)) / arm.scale
     V = V - (V @ u) * u
-    V = paced((V / max(np.linalg.norm(V), 1e-9) + rng.choice([-1, 1]) * rng.uniform(0.4, 1.5) * u) * arm.scale, rng.uniform(0.06, 0.2))
+    V = paced((V / max(norm(V), 1e-9) + rng.choice([-1, 1]) * rng.uniform(0.4, 1.5) * u) * arm.scale, rng.uniform(0.06, 0.2))
     q, back = near.copy(), rng.uniform(0.8, 2.0)
     for _ in range(int(back / 0.01)):
         q = q - 0.01 * arm.damped(q, V, 0.01)
@@ -261,11 +262,11 @@ class Law:
         is_fast = bool(np.any(np.abs(qdot) > arm.speed))
         is_off, most = is_fast, arm.speed
         if self.name == "dls":
-            is_off |= np.linalg.norm((J @ qdot - V) / arm.scale) > 0.4 * np.linalg.norm(V / arm.scale)
+            is_off |= norm((J @ qdot - V) / arm.scale) > 0.4 * norm(V / arm.scale)
         elif self.name == "servo halt":
             # As MoveIt Servo: by the condition number, where the motion leads towards the singularity.
             condition, lower = np.linalg.cond(J), 0.6 * self.hard
-            ahead = np.linalg.cond(arm.J(self.q + 0.005 * qdot / max(np.linalg.norm(qdot), 1e-9)))
+            ahead = np.linalg.cond(arm.J(self.q + 0.005 * qdot / max(norm(qdot), 1e-9)))
             factor = 1.0 if ahead <= condition or condition < lower else max(0.0, 1 - (condition - lower) / (self.hard - lower))
             require(not (is_fast and factor == 1.0))
             qdot, is_off, most = factor * qdot, factor < 0.02, np.inf
@@ -287,7 +288,7 @@ class Law:
         error = np.r_[p - here, 0.5 * np.array([D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1]])]
         F = np.linalg.inv(J @ np.linalg.solve(M, J.T) + 1e-3 * np.eye(6)) @ (100 * error + 20 * (V - J @ drive.data.qvel))
         (u, S), off = arm.lost(q), error / arm.scale
-        self.feel(t, S[5] < 0.06 and np.linalg.norm(off) > max(0.15, 0) and abs(u @ off) > 0.8 * np.linalg.norm(off), 0.1 + 1e-9)
+        self.feel(t, S[5] < 0.06 and norm(off) > max(0.15, 0) and abs(u @ off) > 0.8 * norm(off), 0.1 + 1e-9)
         return drive.data.qfrc_bias + J.T @ F - M @ (0.5 * drive.data.qvel)
 
 
@@ -353,7 +354,7 @@ class Base:
             return self.start + x * (self.end - self.start), rate / self.time * (self.end - self.start), None
         arm, V = self.arm, self.V * quintic(t / 0.3)[0] * (1 - quintic((t - self.time + 0.4) / 0.4)[0])
         qdot = arm.damped(self.q, V, 0.005)
-        missing, asked = (np.linalg.norm(one / arm.scale) for one in (arm.J(self.q) @ qdot - V, V))
+        missing, asked = (norm(one / arm.scale) for one in (arm.J(self.q) @ qdot - V, V))
         # A base that strays from its own twist would be an incident already.
         require(missing <= 0.1 * asked + 1e-6 and (self.fraction >= 1 or np.all(np.abs(qdot) <= 0.9 * arm.speed)))
         self.q = self.q + arm.dt * qdot
@@ -550,7 +551,7 @@ def incident(seed, rows, folder):
 
 def off_deg(arm, t, q, first):
     """Angle of a stated ζ to the true one, degrees; 90 where a rotation is stated for a translation, or the other way round."""
-    is_turn = int(np.linalg.norm(first["zeta"][:3]) < 0.5)
+    is_turn = int(norm(first["zeta"][:3]) < 0.5)
     true = arm.zeta(q[np.argmin(np.abs(t - t[0] - first["t_nearest"]))])[is_turn]
     return 90.0 if true is None else float(np.degrees(np.arccos(min(1.0, abs(np.reshape(first["zeta"], (2, 3))[is_turn] @ true)))))
 
@@ -561,12 +562,12 @@ def main():
     parser = argparse.ArgumentParser(description="Writes incidents of known cause, asks `armplane.autopsy` about each, and counts.")
     parser.add_argument("first", type=int, help="the first seed")
     parser.add_argument("count", type=int)
-    parser.add_argument("--keep", type=pathlib.Path, help="folder for the logs, which are not written again [default: a temporary one]")
+    parser.add_argument("--keep", type=Path, help="folder for the logs, which are not written again [default: a temporary one]")
     options = parser.parse_args()
     rows, found = arms(), []
     with tempfile.TemporaryDirectory() as temporary:
         for seed in range(options.first, options.first + options.count):
-            folder = (options.keep or pathlib.Path(temporary)) / str(seed)
+            folder = (options.keep or Path(temporary)) / str(seed)
             kept = folder / "truth.json"
             truth = json.loads(kept.read_text()) if kept.is_file() else incident(seed, rows, folder)
             if truth is None:

@@ -10,6 +10,7 @@ import os
 import pathlib
 import sys
 import time
+from time import monotonic
 
 from cyclonedds._clayer import ddspy_take, ddspy_write
 from cyclonedds.core import InstanceState, Policy, Qos, SampleState, ViewState
@@ -91,9 +92,9 @@ def made(name, values):
 
 def lag(reader, writer, seconds, hz):
     """Twists of k nm/s along x, k = 1, 2, …: when each was sent, ns on CLOCK_MONOTONIC; and of each message that came meanwhile its age, ns."""
-    sent, ages, begin = [], [], time.monotonic()
-    while time.monotonic() < begin + seconds:
-        if time.monotonic() >= begin + len(sent) / hz:
+    sent, ages, begin = [], [], monotonic()
+    while monotonic() < begin + seconds:
+        if monotonic() >= begin + len(sent) / hz:
             sent.append(time.monotonic_ns())
             writer.write(made(SENT["servo_node/delta_twist_cmds"], ((None, "base_link"), ((1e-9 * len(sent), 0.0, 0.0), (0.0, 0.0, 0.0)))))
         for message in reader.take(100):
@@ -126,9 +127,9 @@ def main():
             answer = len(writers[topic].get_matched_subscriptions())
         else:
             seconds, hz, fields = more
-            begin = time.monotonic()
+            begin = monotonic()
             for k in range(max(1, round(seconds * hz))):
-                time.sleep(max(0.0, begin + k / hz - time.monotonic()))
+                time.sleep(max(0.0, begin + k / hz - monotonic()))
                 answer.append(time.monotonic_ns())
                 message = bytes.fromhex(fields) if isinstance(fields, str) else made(SENT[topic], fields).serialize(use_version_2=False)
                 ddspy_write(writers[topic]._ref, message)

@@ -2,7 +2,7 @@
 
 import json
 import os
-import pathlib
+from pathlib import Path
 import signal
 import subprocess
 import sys
@@ -28,7 +28,7 @@ duration_s = 0.4
 @pytest.fixture(autouse=True)
 def _folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    pathlib.Path("short.toml").write_text(SHORT)
+    Path("short.toml").write_text(SHORT)
 
 
 @pytest.mark.parametrize(
@@ -131,12 +131,12 @@ seed = 1
 
 
 def test_a_killed_sweep_goes_on_and_its_table_is_that_of_one_piece():
-    pathlib.Path("killed.toml").write_text(SWEEP)
-    name, arguments = command.read_file(pathlib.Path("killed.toml"))
+    Path("killed.toml").write_text(SWEEP)
+    name, arguments = command.read_file(Path("killed.toml"))
     whole = experiments.sweep(**arguments)
     assert name == "killed" and len(whole) == 48
     start = lambda: subprocess.Popen([sys.executable, "-m", "armplane.experiments", "sweep", "killed.toml", "--out", "out"], stdout=subprocess.DEVNULL)
-    parts = lambda: len(list(pathlib.Path("out").glob("runs-*.parquet")))
+    parts = lambda: len(list(Path("out").glob("runs-*.parquet")))
     for kill in range(1, 4):
         child = start()
         while parts() < kill and child.poll() is None:
@@ -148,7 +148,7 @@ def test_a_killed_sweep_goes_on_and_its_table_is_that_of_one_piece():
     # Another sweep, or another program, is refused.
     with pytest.raises(ValueError, match="another sweep"):
         experiments.sweep(**{**arguments, "seed": 2}, out="out")
-    pathlib.Path("short.toml").write_text(SHORT.replace("0.4", "0.3"))
+    Path("short.toml").write_text(SHORT.replace("0.4", "0.3"))
     with pytest.raises(ValueError, match="first run"):
         experiments.sweep(**arguments, out="out")
 
@@ -159,7 +159,7 @@ def test_a_report_ranks_and_repeats_the_worst_runs():
     report = experiments.report("laws", by="orthogonal_max_deg", worst=1)
     worst = table.loc[table["orthogonal_max_deg"].idxmax()]
     assert report["worst"][0]["value"] == worst["orthogonal_max_deg"] and f"control.strategy={worst['control.strategy']}" in report["worst"][0]["command"]
-    assert all(pathlib.Path(f"laws/report.{kind}").stat().st_size > 10_000 for kind in ("svg", "png", "pdf"))
+    assert all(Path(f"laws/report.{kind}").stat().st_size > 10_000 for kind in ("svg", "png", "pdf"))
     refused = experiments.sweep("short.toml", {"start.q_deg.5": [0, 500]})
     assert experiments.lack(refused, {"start.q_deg.5": [0, 500]}) and not experiments.lack(table, space)
 
@@ -168,8 +168,8 @@ def test_a_report_ranks_and_repeats_the_worst_runs():
 def test_the_papers_figures_are_drawn_with_their_numbers():
     numbers = experiments.figures("figures")
     for name in ("fig1-2", "fig3", "fig4", "fig5"):
-        assert all(pathlib.Path(f"figures/{name}.{kind}").stat().st_size > 10_000 for kind in ("svg", "png", "pdf"))
-    assert numbers == json.loads(pathlib.Path("figures/figures.json").read_text())
+        assert all(Path(f"figures/{name}.{kind}").stat().st_size > 10_000 for kind in ("svg", "png", "pdf"))
+    assert numbers == json.loads(Path("figures/figures.json").read_text())
     pseudo, consistent, locks, fig4, fig5 = numbers.values()
     assert pseudo["tip_error_max_mm"] > 100 * consistent["tip_error_max_mm"] and consistent["tip_error_max_mm"] < 1
     assert pseudo["coupling_max_n"] > 1 and consistent["coupling_max_n"] < 1e-6 * pseudo["coupling_max_n"]
@@ -186,7 +186,7 @@ def test_studies_are_tables_and_pictures():
     assert laws["s1"].tolist() == [True, False]
     experiments.compare_plot(laws, "laws")
     table = experiments.race("fig5-wrist-rotation", ["blended", "damped-least-squares"], "race")
-    assert table["orientation_max_deg"].is_monotonic_increasing and pathlib.Path("laws.png").exists() and pathlib.Path("race.svg").exists()
+    assert table["orientation_max_deg"].is_monotonic_increasing and Path("laws.png").exists() and Path("race.svg").exists()
     lines = experiments.singular_lines("ur5", 1)
     assert lines["s2"].all() and lines["line"].tolist() == [1, 2, 3]
     steered = experiments.steered(["ur5"], seeds=[1], seconds=5.0)
@@ -194,14 +194,14 @@ def test_studies_are_tables_and_pictures():
 
 
 def test_the_tutorials_experiment_is_twenty_lines_and_works():
-    page = next(folder / "docs/tutorial.md" for folder in pathlib.Path(__file__).resolve().parents if (folder / "docs/tutorial.md").is_file())
+    page = next(folder / "docs/tutorial.md" for folder in Path(__file__).resolve().parents if (folder / "docs/tutorial.md").is_file())
     blocks = [block.split("\n", 1) for block in page.read_text().split("```")[1::2]]
     files = {head.split()[1]: text for head, text in blocks if len(head.split()) == 2}
     for name in ("arm.urdf", "arm.toml", "reach.toml"):
-        pathlib.Path(name).write_text(files[name])
+        Path(name).write_text(files[name])
     text = files["gains.py"]
     assert len([line for line in text.splitlines() if line.strip()]) <= 20
     # A hundredth of its runs.
     few = text.replace("range(1, 11)", "[1]").replace("[25, 50, 100, 200, 400, 600, 800, 1200, 1600, 2400]", "[100, 400]").replace("60, 80, 100, 120]", "60]")
     said = subprocess.run([sys.executable, "-c", few], capture_output=True, text=True, check=True, env={**os.environ, "MPLBACKEND": "Agg"})
-    assert "best k_v, k_p: " in said.stdout and pathlib.Path("gains.svg").exists() and pathlib.Path("gains.parquet").exists()
+    assert "best k_v, k_p: " in said.stdout and Path("gains.svg").exists() and Path("gains.parquet").exists()

@@ -1,7 +1,7 @@
 """The package as it is installed: `python/build --test` runs this in an empty virtual environment."""
 
 import os
-import pathlib
+from pathlib import Path
 import subprocess
 import sys
 import time
@@ -39,9 +39,9 @@ def test_a_law_gives_the_bits_of_the_process(name, by, q):
     for tick in range(1500):
         values = text(p + 1e-3 * tick * np.array(twist[:3]), quaternion, twist) if by == "pose" else text(twist)
         lines.append(f"{tick / 1000}, {by}, base, 1.0, {values}")
-    pathlib.Path(f"{name}.csv").write_text("\n".join(lines) + "\n")
+    Path(f"{name}.csv").write_text("\n".join(lines) + "\n")
     text = f'name = "{name}"\nrobot = "{name}"\n[start]\nq = {q}\n[servo]\ninput = "{name}.csv"\n'
-    pathlib.Path(f"{name}.toml").write_text(text)
+    Path(f"{name}.toml").write_text(text)
     run = armplane.run(f"{name}.toml", out=name)
     estimates, targets, torques, states = (run.messages(topic) for topic in ("estimate", "target", "torque", "control_state"))
     law, engaged = armplane.Law(arm, q=q), 0
@@ -119,7 +119,7 @@ URDF = """<robot name="two"><link name="base"/>
 
 def test_a_urdf_that_lacks_something_is_refused_with_the_joint_and_the_remedy():
     def arm(text):
-        pathlib.Path("two.urdf").write_text(text)
+        Path("two.urdf").write_text(text)
         return armplane.Arm.from_urdf("two.urdf", tip="tool0")
 
     good = arm(URDF)
@@ -191,7 +191,7 @@ def test_every_public_thing_has_words():
 
 
 # Every way of MJCF to state a pose, a mass, a limit or a default, in one arm.
-ODD = pathlib.Path(__file__).with_name("odd.xml")
+ODD = Path(__file__).with_name("odd.xml")
 
 
 def test_an_arm_in_mjcf_has_mujocos_numbers():
@@ -244,13 +244,13 @@ def test_mjcf_has_included_files_meshes_with_their_mass_and_keys(tmp_path):
 
 def test_an_arm_in_mjcf_runs_and_its_saved_scenario_repeats_it():
     pytest.importorskip("mujoco")
-    pathlib.Path("up.toml").write_text(
+    Path("up.toml").write_text(
         f'name = "up"\nrobot = "{ODD}"\nsettle_s = 0.1\n[start]\nq = [0.1, 0.2, 0.3, 0.05, 0.4]\n[[segment]]\nby_m = [0.0, 0.0, 0.01]\nduration_s = 0.5\n'
     )
     one = armplane.run("up.toml", out="one")
     two = armplane.run("one/scenario.toml", out="two")
     assert one.goal_reached and one.summary["topics"] == two.summary["topics"]
-    assert pathlib.Path("two/robot.urdf").exists()
+    assert Path("two/robot.urdf").exists()
 
 ARM = """<body name="base" pos="0 0.2 0.1"><body name="upper"><joint name="one" axis="0 1 0" range="-170 170" armature="0.1" damping="0.5"/>
 <inertial pos="0.15 0 0" mass="2" diaginertia="0.01 0.02 0.02"/><geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.03"/>
@@ -262,10 +262,10 @@ BALL = '<body name="ball" pos="0.3 0.2 0.9"><freejoint/><geom size="0.03" densit
 
 def test_mujoco_is_the_plant_and_gives_the_same_bytes_twice():
     pytest.importorskip("mujoco")
-    file = lambda name, bodies: pathlib.Path(name).write_text(f'<mujoco model="two"><worldbody>{bodies}</worldbody>{SERVOS}</mujoco>')
+    file = lambda name, bodies: Path(name).write_text(f'<mujoco model="two"><worldbody>{bodies}</worldbody>{SERVOS}</mujoco>')
     file("arm.xml", ARM), file("scene.xml", ARM + BALL), file("other.xml", ARM.replace("0.3 0 0", "0.31 0 0"))
-    pathlib.Path("arm.toml").write_text('[joints]\none = { velocity = 4 }\ntwo = { velocity = 4 }\n')
-    pathlib.Path("line.toml").write_text('name = "line"\nrobot = "arm.xml"\n[start]\nq_deg = [-60, 100]\n[[segment]]\nby_m = [0.05, 0, 0.05]\nduration_s = 0.6\n')
+    Path("arm.toml").write_text('[joints]\none = { velocity = 4 }\ntwo = { velocity = 4 }\n')
+    Path("line.toml").write_text('name = "line"\nrobot = "arm.xml"\n[start]\nq_deg = [-60, 100]\n[[segment]]\nby_m = [0.05, 0, 0.05]\nduration_s = 0.6\n')
     runs = [armplane.run("line.toml", plant=plant, out=out) for out, plant in [("a", "mujoco"), ("b", "mujoco"), ("c", "mujoco:scene.xml"), ("d", None)]]
     assert all(run.goal_reached for run in runs), runs
     alone, again, scene, ours = runs
@@ -285,4 +285,4 @@ def test_mujoco_is_the_plant_and_gives_the_same_bytes_twice():
     for scene, words in {**wrong, "pipe": "no regular file", "many": "takes more than|needs more memory|makes its reader crash|many"}.items():
         with pytest.raises(RuntimeError, match=words):
             armplane.run("line.toml", plant=f"mujoco:{scene}.xml", out="e")
-        assert not pathlib.Path("e").exists()
+        assert not Path("e").exists()

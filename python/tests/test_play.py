@@ -1,12 +1,12 @@
 """The page `armplane play` in headless Chromium, dragged with a real mouse; what it leaves when it, its tab or a process of the run is killed."""
 
 import asyncio
-import contextlib
+from contextlib import suppress
 import functools
 import importlib.util
 import json
 import os
-import pathlib
+from pathlib import Path
 import queue
 import re
 import signal
@@ -14,13 +14,14 @@ import socket
 import subprocess
 import sys
 import time
-import types
+from types import SimpleNamespace
 import urllib.error
 import urllib.request
 from xml.etree import ElementTree
 
 import armplane
 import numpy as np
+from numpy.linalg import norm
 import processes
 import pytest
 from processes import having
@@ -130,7 +131,7 @@ class Play:
         delays = []
         for event, known in moves[:6]:
             k = np.searchsorted(times, event) - 1
-            moved = lambda i: max(np.linalg.norm(places[i][name] - at) for name, at in places[k].items())
+            moved = lambda i: max(norm(places[i][name] - at) for name, at in places[k].items())
             delays.append(next(times[i] for i in range(k + 1, len(times)) if moved(i) > 2e-4) - np.array([event, known]))
         return 1000 * (len(times) - 1) / (times[-1] - times[0]), *np.median(delays, axis=0)
 
@@ -150,9 +151,9 @@ class Play:
         """Where the ball is on the screen, as soon as the browser has the camera where it follows the hand to."""
         state = self.until(page, lambda state: state["camera"])
         eye, look, target = (np.array(at) for at in (*state["camera"], state["target"]))
-        forward = (look - eye) / np.linalg.norm(look - eye)
+        forward = (look - eye) / norm(look - eye)
         right = np.cross(forward, [0, 0, 1])
-        right /= np.linalg.norm(right)
+        right /= norm(right)
         box, d = page.locator("canvas").first.bounding_box(), target - eye
         scale = box["height"] / 2 / np.tan(FOV / 2) / (d @ forward)
         return box["x"] + box["width"] / 2 + scale * (d @ right), box["y"] + box["height"] / 2 - scale * (d @ np.cross(right, forward))
@@ -166,7 +167,7 @@ class Play:
             page.mouse.move(x, y)
             page.mouse.down()
             page.mouse.move(x + 10, y)
-            with contextlib.suppress(AssertionError):
+            with suppress(AssertionError):
                 self.until(page, lambda state: state["mode"] == "hand", 20)
                 return x, y
             page.mouse.up()
@@ -188,7 +189,7 @@ class Play:
         for _ in range(PATIENCE // 60):
             # A slow browser may have put another button in its place meanwhile.
             _press(page.get_by_role("button", name=name, exact=True))
-            with contextlib.suppress(AssertionError):
+            with suppress(AssertionError):
                 return self.until(page, lambda state: state["arrivals"] > before, 60)
         raise AssertionError(f"never at {name}")
 
@@ -207,8 +208,8 @@ class Play:
 
         def find():
             for pid in self.descendants():
-                with contextlib.suppress(OSError):
-                    if pid != but and b"\0servo\0" in pathlib.Path(f"/proc/{pid}/cmdline").read_bytes():
+                with suppress(OSError):
+                    if pid != but and b"\0servo\0" in Path(f"/proc/{pid}/cmdline").read_bytes():
                         return pid
             return None
 
@@ -222,7 +223,7 @@ class Play:
         assert self.process.wait(timeout=PATIENCE) in (0, -signal.SIGKILL)
         assert wait(lambda: not self.descendants())
         assert not list(self.temporary.iterdir())
-        assert not [path for run in self.runs for path in pathlib.Path("/dev/shm").glob(f"{run}*")]
+        assert not [path for run in self.runs for path in Path("/dev/shm").glob(f"{run}*")]
         self.process.stdout.close()
 
 
@@ -282,8 +283,8 @@ def _judge(run, lock):
     locks = {WIRE.KINDS[kind] for kind in reports["singularities"]["kind"][inside]}
     # With a spare joint a direction keeps the name under which it was tracked: one that comes from elsewhere may be called otherwise.
     assert lock in locks or run.summary["robot"] == "panda" and locks
-    wanted = np.linalg.norm(states["V_target"][:, :3], axis=1) > 0.02
-    stands = np.linalg.norm(truth["V_BE"][:, :3], axis=1) < 0.001
+    wanted = norm(states["V_target"][:, :3], axis=1) > 0.02
+    stands = norm(truth["V_BE"][:, :3], axis=1) < 0.001
     silent = wanted & stands & (states["reason"] == WIRE.REASON_FOLLOWING)
     longest = max(map(len, "".join("x" if tick else " " for tick in silent).split()), default=0)
     assert longest < 300, f"stands still for {longest} ms and gives no reason"
@@ -329,7 +330,7 @@ def test_a_killed_controller_is_replaced(play):
     _press(page.get_by_role("button", name="kill controller"))
     page.get_by_text("was started again").wait_for(state="attached")
     before = np.array(one.until(page, lambda _: True)["hand"])
-    one.drag(page, [(0, -5 * k) for k in range(20)], lambda state: np.linalg.norm(np.array(state["hand"]) - before) > 0.005)
+    one.drag(page, [(0, -5 * k) for k in range(20)], lambda state: norm(np.array(state["hand"]) - before) > 0.005)
 
 
 @needs_browser
@@ -363,7 +364,7 @@ def test_a_killed_run_is_followed_by_another_and_a_killed_page_leaves_nothing(tm
         first = one.launcher()
         os.kill(first, signal.SIGKILL)
         second = one.launcher(but=first)
-        assert wait(lambda: one.runs.update(path.name for path in pathlib.Path("/dev/shm").glob(f"armplane-*-{second}-*") if path.is_dir()) or one.runs)
+        assert wait(lambda: one.runs.update(path.name for path in Path("/dev/shm").glob(f"armplane-*-{second}-*") if path.is_dir()) or one.runs)
         os.kill(second, signal.SIGKILL)
         one.process.kill()
         one.nothing_is_left()
@@ -441,7 +442,7 @@ def test_an_arm_is_drawn_from_its_file_and_what_is_lacking_is_told(tmp_path):
     (tmp_path / "arm" / "a.stl").write_text(STL)
     tips = np.array([[0, 0, 1], [1, 0, 0], [0, 0, 0], [0, 0.5, 0]])
     tree, folder = ElementTree.fromstring(ARM), str(tmp_path / "arm" / "urdf")
-    body = Body(types.SimpleNamespace(tree=tree, links=links(tree, ["one", "two", "three"]), folder=folder, tips=tips, reach=2.5))
+    body = Body(SimpleNamespace(tree=tree, links=links(tree, ["one", "two", "three"]), folder=folder, tips=tips, reach=2.5))
     base, mesh, box, ball, tube = body.parts
     assert [part[0] for part in body.parts] == [-1, 0, 0, 1, 2]
     assert [part[2] for part in body.parts] == ["capsule", "mesh", "box", "sphere", "capsule"]
@@ -457,16 +458,16 @@ def test_the_camera_follows_hand_and_ball_but_no_person(aspect):
     from armplane.play import scene
 
     one = object.__new__(scene.Scene)
-    one.robot, one.sent, one.gaze = types.SimpleNamespace(reach=1.0), {}, {}
+    one.robot, one.sent, one.gaze = SimpleNamespace(reach=1.0), {}, {}
     low, high = scene.ABOVE if aspect < 1 else scene.BESIDE
     gaze = np.array([1.0, 2.0, -0.8])
-    camera = types.SimpleNamespace(aspect=aspect, fov=FOV, position=-1.5 * gaze, look_at=-0.5 * gaze)
-    client = types.SimpleNamespace(client_id=1, camera=camera)
+    camera = SimpleNamespace(aspect=aspect, fov=FOV, position=-1.5 * gaze, look_at=-0.5 * gaze)
+    client = SimpleNamespace(client_id=1, camera=camera)
     one.take(1, camera.position, gaze)
-    ahead, right = gaze / np.linalg.norm(gaze), np.cross(gaze, [0, 0, 1])
-    right /= np.linalg.norm(right)
+    ahead, right = gaze / norm(gaze), np.cross(gaze, [0, 0, 1])
+    right /= norm(right)
     for points in np.random.default_rng(1).uniform(-1.5, 1.5, (20, 2, 3)):
-        one.hand, one.target = points[0], types.SimpleNamespace(position=points[1])
+        one.hand, one.target = points[0], SimpleNamespace(position=points[1])
         for _ in range(400):
             one.follow(client)
         assert one.is_sent(1, camera.position) and np.allclose(camera.look_at - camera.position, gaze)
@@ -484,16 +485,16 @@ def test_a_browser_changes_only_what_is_offered_and_only_while_it_steers():
     steers, watches, has_no_camera, nor_has_this = 1, 2, 3, 4
     page, given, faults = object.__new__(Page), [], []
     page.actions, page.kept, page.driver, page.refused, page.touched, page.turned = queue.Queue(), {}, None, 0, time.monotonic(), set()
-    page.server = types.SimpleNamespace(get_clients=lambda: {steers: None, watches: None})
-    page.hand = types.SimpleNamespace(mode="hold")
-    page.session, page.postures = types.SimpleNamespace(fault=lambda *words: faults.append(words) or "done"), {}
+    page.server = SimpleNamespace(get_clients=lambda: {steers: None, watches: None})
+    page.hand = SimpleNamespace(mode="hold")
+    page.session, page.postures = SimpleNamespace(fault=lambda *words: faults.append(words) or "done"), {}
     page.story = given
-    control = types.SimpleNamespace(value=0.3, on_update=lambda call: setattr(control, "call", call))
+    control = SimpleNamespace(value=0.3, on_update=lambda call: setattr(control, "call", call))
     page._keep("speed", control, lambda value: 0.05 <= value <= 0.5)
 
     def set_by(client, value):
         control.value = value
-        asyncio.run(control.call(types.SimpleNamespace(client_id=client)))
+        asyncio.run(control.call(SimpleNamespace(client_id=client)))
         while not page.actions.empty():
             page.actions.get()()
         assert control.value == page.kept["speed"]

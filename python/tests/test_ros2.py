@@ -10,9 +10,11 @@ import signal
 import subprocess
 import sys
 import time
+from time import monotonic
 
 import armplane
 import numpy as np
+from numpy.linalg import norm
 import pytest
 from armplane.results import _program
 from armplane.ros2.door import DEFINED
@@ -147,11 +149,11 @@ class Face:
 
     def push(self, topic, fields, is_there):
         """Sends a command until the fifth joint is there; its positions meanwhile."""
-        found, end = [], time.monotonic() + 40
+        found, end = [], monotonic() + 40
         while not (found and is_there(found[-1])):
             self.peer.send(topic, fields, seconds=0.3, hz=500)
             found += [one.position[4] for one in self.messages("joint_states")]
-            assert time.monotonic() < end, found[-1]
+            assert monotonic() < end, found[-1]
         return found
 
     def rests(self):
@@ -205,7 +207,7 @@ def test_twists_and_poses_lead_through_a_wrist_lock(store, tmp_path):
         report = face.until("armplane/singularity")
         wrist = next(one for one in report.singularities if one.name == "wrist")
         assert 0.1 < wrist.s < 2 * wrist.eta_out and report.header.frame_id == "base_link"
-        size = lambda one: np.linalg.norm([one.x, one.y, one.z])
+        size = lambda one: norm([one.x, one.y, one.z])
         assert abs(max(size(wrist.linear), size(wrist.angular)) - 1) < 1e-9
         assert {pair.key for pair in face.until("diagnostics").status[0].values} >= {"tick", "stops"}
         # To the side by less than a millimetre, while the wrist turns through its lock.
@@ -216,7 +218,7 @@ def test_twists_and_poses_lead_through_a_wrist_lock(store, tmp_path):
         wrists = face.push(TWIST, twist(v, w), lambda wrist: wrist < -0.1)
         places = np.array([[getattr(one.transforms[0].transform.translation, axis) for axis in "xyz"] for one in face.messages("tf")]) - begin
         along = places @ v / (v @ v)
-        assert along.max() > 1 and np.linalg.norm(places - along[:, None] * v, axis=1).max() < 1e-3
+        assert along.max() > 1 and norm(places - along[:, None] * v, axis=1).max() < 1e-3
         # On a busy machine a command may come when it is over, or overrun the operator: the log then has the reason for the status "invalid".
         assert not re.search(r": refused: (?!it is [\d.]+ s old)", face.said()), face.said()
         known = {-1, 0, 1} if re.search(": refused: |a target is lost", face.said()) else {0, 1}
@@ -230,10 +232,10 @@ def test_twists_and_poses_lead_through_a_wrist_lock(store, tmp_path):
             pose = (None, "base_link"), (tuple(map(float, at)), (*map(float, to[1:]), float(to[0])))
             face.peer.send(POSE, pose, seconds=0.05)
         face.push(POSE, pose, lambda wrist: abs(wrist - NEAR_LOCK[4]) < 1e-3)
-        assert np.linalg.norm(face.hand()[0] - goal) < 1e-3 and abs(face.hand()[1] @ x) > 1 - 1e-5
+        assert norm(face.hand()[0] - goal) < 1e-3 and abs(face.hand()[1] @ x) > 1 - 1e-5
         # A frame of a link, turned about the hand: the place stays.
         face.peer.send(TWIST, twist([0, 0, 0], [0, 0, 0.5], frame="tool0"), seconds=0.5)
-        assert np.linalg.norm(face.hand()[0] - goal) < 2e-3 and abs(face.hand()[1] @ x) < np.cos(0.08)
+        assert norm(face.hand()[0] - goal) < 2e-3 and abs(face.hand()[1] @ x) < np.cos(0.08)
     assert "goal reached" in face.said() or "interrupted" in face.said(), face.said()
 
 
@@ -308,9 +310,9 @@ def test_joints_jog_and_follow_a_table(store, tmp_path):
         points = [(start, 4.0), (start + 0.2, 6.0), (start - [0.1, 0, 0.1, 0, 0.1, 0], 9.0)]
         rows = [(tuple(map(float, q[order])), (), (), (), (int(t), int(t % 1 * 1e9))) for q, t in points]
         face.peer.send(PATH, (((0, 0), ""), tuple(JOINTS[i] for i in order), tuple(rows)))
-        sent, passed = time.monotonic(), {}
+        sent, passed = monotonic(), {}
         for q, t in points:
-            time.sleep(max(0.0, sent + t + 0.05 - time.monotonic()))
+            time.sleep(max(0.0, sent + t + 0.05 - monotonic()))
             passed[t] = np.abs(face.q() - q).max()
         assert passed[4.0] < 0.3 and passed[6.0] < 0.1, passed
         assert np.abs(face.rests() - points[-1][0]).max() < 2e-3

@@ -9,7 +9,7 @@ the headers of the same installation, which takes five minutes of one core and 2
 
 import json
 import os
-import pathlib
+from pathlib import Path
 import re
 import shutil
 import subprocess
@@ -24,7 +24,7 @@ try:
 except ImportError:
     pin = None
 
-HERE = pathlib.Path(__file__).resolve().parent
+HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 ROBOTS = ROOT / "services" / "model" / "robots"
 ARMS = ["puma560", "ur5", "panda"]
@@ -84,12 +84,12 @@ def check_same_arm(armplane, model, name):
 
 
 def main():
-    armplane = pathlib.Path(sys.argv[1] if len(sys.argv) > 1 else ROOT / "target/release/armplane").resolve()
+    armplane = Path(sys.argv[1] if len(sys.argv) > 1 else ROOT / "target/release/armplane").resolve()
     if not armplane.exists():
         sys.exit(f"there is no {armplane}: cargo build --release")
     if pin is None:
         skip("Python has no pinocchio: pip install pin cmeel-eigen")
-    prefix = next((parent for parent in pathlib.Path(pin.__file__).parents if (parent / "include/pinocchio").is_dir()), None)
+    prefix = next((parent for parent in Path(pin.__file__).parents if (parent / "include/pinocchio").is_dir()), None)
     if prefix is None:
         skip("this pinocchio comes without headers: pip install pin cmeel-eigen")
     terms, rows = program(prefix, pin.__version__), []

@@ -2,7 +2,7 @@
 
 import argparse
 import concurrent.futures
-import contextlib
+from contextlib import suppress
 import fcntl
 import functools
 import hashlib
@@ -10,7 +10,7 @@ import itertools
 import json
 import math
 import os
-import pathlib
+from pathlib import Path
 import shlex
 import signal
 import subprocess
@@ -92,7 +92,7 @@ class Entry:
 
     def graph(self, folder):
         """Writes the graph of an opponent's run. The opponent was loaded once before the table, so it need not be checked before each run."""
-        path = pathlib.Path(folder) / "graph.toml"
+        path = Path(folder) / "graph.toml"
         path.write_text(GRAPH.format(command=json.dumps([sys.executable, "-c", HOST, self.argument]), join=LONGEST["join"]))
         return str(path)
 
@@ -106,7 +106,7 @@ def entries(names):
         name, _, file = head.partition("=")
         title, strategy, is_file = ":".join([name, *pairs]), DATA["strategy"].get(name, name), file or name in known
         if is_file:
-            file = pathlib.Path(file or known[name]).resolve()
+            file = Path(file or known[name]).resolve()
             if not file.is_file():
                 refuse(f"there is no file {file}: give the path of an opponent that exists")
             reason, about = asked_file(file, settings)
@@ -211,10 +211,10 @@ class Children:
         except subprocess.TimeoutExpired:
             is_late = True
             child.send_signal(signal.SIGINT)
-            with contextlib.suppress(subprocess.TimeoutExpired):
+            with suppress(subprocess.TimeoutExpired):
                 child.wait(self.PATIENCE_S)
         finally:
-            with contextlib.suppress(ProcessLookupError):
+            with suppress(ProcessLookupError):
                 os.killpg(child.pid, signal.SIGKILL)
             child.wait()
             self.running.discard(child)
@@ -238,7 +238,7 @@ def run(entry, task, condition, more=()):
         found = tried(entry, task, more) if entry.own and "--plant" not in more else one_run(entry, task.copied(folder), folder, more)
         if condition == LATE:
             found = after_delay(found)
-        found.update(stated_cost(pathlib.Path(folder) / "cost"))
+        found.update(stated_cost(Path(folder) / "cost"))
         if entry.own and task.is_varied and condition == BASE:
             found["median_us"] = own_cost(entry, task, folder, more)
         return {**row, **found}
@@ -246,7 +246,7 @@ def run(entry, task, condition, more=()):
 
 def stated_cost(file):
     """The times that an opponent's process has written, and nothing else from there: it can write what it likes."""
-    with contextlib.suppress(OSError, ValueError, LookupError, TypeError):
+    with suppress(OSError, ValueError, LookupError, TypeError):
         stated = json.loads(file.read_text().splitlines()[-1])
         times = {name: float(stated[name]) for name in ("median_us", "p99_us", "first_ms")}
         if all(map(math.isfinite, times.values())):
@@ -274,7 +274,7 @@ def one_run(entry, scenario, folder, more, record=False):
     law = sets(entry.scenario()) if entry.own else ["--graph", entry.graph(folder)]
     environment = {**os.environ, "ARMPLANE_ARENA": entry.attributes(), "ARMPLANE_ARENA_COST": f"{folder}/cost"}
     command = [_program(), "run", str(scenario), *law, *more, *([] if record else ["--no-record"]), "--out", f"{folder}/run", "--json"]
-    done, file = CHILDREN.run(command, environment, LONGEST["run"]), pathlib.Path(folder) / "run/summary.json"
+    done, file = CHILDREN.run(command, environment, LONGEST["run"]), Path(folder) / "run/summary.json"
     if done is None:
         return {"outcome": "silent", "reason": f"no end within {LONGEST['run']} s"}
     code, _, error = done
@@ -303,7 +303,7 @@ def own_cost(entry, task, folder, more):
     """Microseconds that a law of armplane takes for a tick: the medians of analysis and law, in processes of their own like those of others."""
     if "ticks" not in one_run(entry, task.copied(folder), folder, more):
         return None
-    latency = json.loads((pathlib.Path(folder) / "run/summary.json").read_text())["latency_us"]
+    latency = json.loads((Path(folder) / "run/summary.json").read_text())["latency_us"]
     return sum(latency[name]["p50"] for name in ("analyzer", "controller") if name in latency)
 
 
@@ -343,10 +343,10 @@ def check(file):
 
 def identity():
     """Everything that a row depends on besides its law and task: the program and its module, this package, and the versions of the others' packages."""
-    here = pathlib.Path(__file__).parent
+    here = Path(__file__).parent
     from .. import _armplane as module
 
-    files = [pathlib.Path(_program()), pathlib.Path(module.__file__), *(here / name for name in ("arm.py", "host.py", "laws.py")), *(here.parent / name for name in ("mjcf.py", "mujoco.py", "rotation.py"))]
+    files = [Path(_program()), Path(module.__file__), *(here / name for name in ("arm.py", "host.py", "laws.py")), *(here.parent / name for name in ("mjcf.py", "mujoco.py", "rotation.py"))]
     return [*(hashlib.sha256(file.read_bytes()).hexdigest() for file in files), versions()]
 
 
@@ -354,7 +354,7 @@ def versions():
     """The installed packages of others, with their versions."""
     found = {}
     for name in DATA["packages"]:
-        with contextlib.suppress(metadata.PackageNotFoundError):
+        with suppress(metadata.PackageNotFoundError):
             found[name] = metadata.version(name)
     return found
 
@@ -372,7 +372,7 @@ class Table:
         self.path, self.lock, self.rows, self.more, self.identity = folder / "rows.jsonl", threading.Lock(), {}, more, [identity(), *more]
         for line in self.path.read_text().splitlines() if self.path.is_file() else []:
             # Not so the last line of an interrupted run.
-            with contextlib.suppress(ValueError, LookupError, TypeError):
+            with suppress(ValueError, LookupError, TypeError):
                 row = json.loads(line)
                 self.rows[row["key"]] = row
 
@@ -390,7 +390,7 @@ class Table:
         self.path.write_text("".join(json.dumps(row) + "\n" for row in self.rows.values()))
 
     def key(self, entry, task, condition):
-        source = "" if entry.own else sources(pathlib.Path(entry.argument).parent)
+        source = "" if entry.own else sources(Path(entry.argument).parent)
         parts = [self.identity, entry.name, entry.scenario(), entry.attributes(), source, task.name, task.hash, condition]
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:24]
 
@@ -522,7 +522,7 @@ def races(summary, found, todo, more):
 
 
 def compete(asked):
-    folder = pathlib.Path(asked.out)
+    folder = Path(asked.out)
     more = [*(part for pair in asked.set for part in ("--set", pair)), *(["--plant", asked.plant] if asked.plant else [])]
     if folder.exists() and not folder.is_dir():
         refuse(f"{folder} is a file: give a folder with --out")

@@ -9,7 +9,7 @@ bounds what can be reached, a line through it begins or ends there. An arm that 
 import hashlib
 import importlib.util
 import math
-import pathlib
+from pathlib import Path
 import random
 import re
 import tempfile
@@ -21,12 +21,12 @@ from ..results import read_toml
 # Lines of the table, and lines on which numbers may be tuned.
 TEST, TRAINING, TRAINED = 1, 101, ("puma560", "ur5")
 # Laws, arms, kinds of lines and sizes of tables.
-DATA = read_toml(pathlib.Path(__file__).with_name("arena.toml"))
+DATA = read_toml(Path(__file__).with_name("arena.toml"))
 # Starts and ways of others, as scenarios. J-PARSE: its line over the base axis (0.5 m at 0.05 Hz) and its key points about that axis; MoveIt Servo: 0.1 m along x
 # from the posture of its test of a halt; isaac-sim/IsaacLab#7063: a UR10 from its posture at rest, in wrist lock, to each goal of run_osc.py, without its wall,
 # the hand not turned, and turned by 180° about z, because this base's x axis points backwards. open-planning/roboplan#239, example_singularity.py: the hand goes
 # straight from the pose of one of its UR5's postures to that of the next; there, along the joints' straight line.
-PUBLISHED = {path.stem: path for path in sorted((pathlib.Path(__file__).parent / "published").glob("*.toml"))}
+PUBLISHED = {path.stem: path for path in sorted((Path(__file__).parent / "published").glob("*.toml"))}
 # Peak speed at which lines are drawn, m/s.
 DRAWN = 0.28
 # Lines an arm on which payload, noise and delay are varied: the first of the usual ones.
@@ -45,14 +45,14 @@ class Task:
         """What a run is given: the built-in name, or a file of its own, because an opponent may have written to the one that all share."""
         if self.argument == self.name:
             return self.argument
-        path = pathlib.Path(folder) / f"{self.name}.toml"
+        path = Path(folder) / f"{self.name}.toml"
         path.write_text(self.text)
         return str(path)
 
 
 def make(folder, size="short", seed=TEST, arms=None, most=math.inf):
     """The tasks of a size as files in `folder`, `most` lines of a kind and arm, and the arms left out; only the lines of another seed than that of the table."""
-    folder = pathlib.Path(folder)
+    folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     asked, tasks = DATA["sizes"][size], []
     for name in asked.get("scenarios", [*DATA["paper"], *PUBLISHED]) if seed == TEST else ():
@@ -69,7 +69,7 @@ def make(folder, size="short", seed=TEST, arms=None, most=math.inf):
 
 def unhinted(folder, tasks, armplane):
     """The tasks with hints, without them, under the same names: the hand goes the same way, and no word says in which posture."""
-    folder = pathlib.Path(folder) / "no-hints"
+    folder = Path(folder) / "no-hints"
     folder.mkdir(parents=True, exist_ok=True)
     out = []
     for task in tasks:
@@ -96,7 +96,7 @@ def _file(arm):
     if not package:
         return arm
     found = importlib.util.find_spec(package)
-    return str(pathlib.Path(found.origin).parent / "models" / "assets" / "robots" / name / "robot.xml") if found else None
+    return str(Path(found.origin).parent / "models" / "assets" / "robots" / name / "robot.xml") if found else None
 
 
 def _lines(folder, arm, file, kinds, seed):
@@ -127,7 +127,7 @@ def _lines(folder, arm, file, kinds, seed):
 def _drawn(drawn, arm, count, seed, pairs):
     """The files of an arm's lines at `DRAWN`, drawn where they are not there yet; none of pairs for an arm without two singularities at once."""
     if not drawn.is_dir():
-        draft = pathlib.Path(tempfile.mkdtemp(dir=drawn.parent))
+        draft = Path(tempfile.mkdtemp(dir=drawn.parent))
         for number, line in enumerate(armplane.lines(arm, count, seed, "two" if pairs else "one", speed=DRAWN), 1):
             (draft / f"line-{number}.toml").write_text(line["scenario"])
         draft.rename(drawn)
@@ -149,7 +149,7 @@ def _set(text, key, change):
 def _task(folder, name, group, robot, text, is_varied=False):
     path = folder / f"{name}.toml"
     path.write_text(text)
-    arm = pathlib.Path(robot)
+    arm = Path(robot)
     # The place of an arm's file is this machine's; its text is the task's.
     known = text.replace(robot, hashlib.sha256(arm.read_bytes()).hexdigest()) if arm.is_file() else text
     return Task(name, group, path, text, is_varied, known)

@@ -81,7 +81,7 @@ def command_jump(log, m):
         fourth, size = np.sort(odd[max(0, k - 12) : k + 13])[-4], np.abs(step[k])
         if odd[k] >= max(floor, 4 * fourth) and dt[k] <= 4 * usual:
             j = np.argmax(size)
-            part = f"{m.robot.joints[j]} by {np.degrees(step[k][j]):.1f}°" if is_joints else f"the pose by {1000 * np.linalg.norm(step[k]):.0f} mm"
+            part = f"{m.robot.joints[j]} by {np.degrees(step[k][j]):.1f}°" if is_joints else f"the pose by {1000 * norm(step[k]):.0f} mm"
             yield Found(JUMP, t[k + 1], f"the command moves {part} from one message to the next", 0.95, role=role, step=size[j])
 
 
@@ -247,7 +247,7 @@ def _evidence(m, a, b, weight, share, need, limits, by, **more):
     k = a + np.argmin(m.sigma[a:b])
     q, limit, condition, sigma = m.q[m.rows[k]], limits[k], min(np.linalg.cond(m.J[k]), 1e6), m.sigma[k]
     name, kind, zeta, measure = nearest(m, q)
-    half, way = (zeta[3:], "rotation about") if np.linalg.norm(zeta[:3]) < 0.5 else (zeta[:3], "translation along")
+    half, way = (zeta[3:], "rotation about") if norm(zeta[:3]) < 0.5 else (zeta[:3], "translation along")
     is_known = np.isfinite(limit)
     fast = f", which needs {min(need, 999):.1f} rad/s" + (f" of {limit:.1f} there are" if is_known else "") if need > 0.5 * limit or not is_known else ""
     asked = "the joints' speed grew while the hand's did not" if share is None else f"{share:.0%} of the motion asked for was along it{fast}"
@@ -279,14 +279,14 @@ def nearest(m, q):
     # The lost direction is a wrench at the hand, u: its force is the translation lost, wherever on the hand. A lost rotation is that of the wrist about itself.
     pose, J = r.move(at[None])
     force, moment = np.split(r.decompose(J)[0][0], 2)
-    size, none = np.linalg.norm(force), np.zeros(3)
-    turns = np.linalg.norm(one.direction[:3]) < 0.5 if one else size < 0.3
+    size, none = norm(force), np.zeros(3)
+    turns = norm(one.direction[:3]) < 0.5 if one else size < 0.3
     wrist = r.arm.step_many(at[None])["p_BC"][0] - pose[0, :3, 3]
-    if one and turns and np.linalg.norm(moment - np.cross(wrist, force / r.length)) < 0.3 * size:
+    if one and turns and norm(moment - np.cross(wrist, force / r.length)) < 0.3 * size:
         turns, one = False, None
     zeta = np.r_[none, one.direction[3:] if one else moment] if turns or size < 0.05 else np.r_[force, none]
     name, kind, measure = (one.name, one.type, measures[one.name]) if one else ("unnamed", "unknown", np.nan)
-    return name, kind, zeta / np.linalg.norm(zeta), measure
+    return name, kind, zeta / norm(zeta), measure
 
 
 # --- what happened ---
@@ -329,7 +329,7 @@ def strays(m):
         off = np.min([norm(m.S[np.maximum(k - int(n * 0.05 / m.period), 0)] - m.W) for n in range(4)], axis=0)
         if hit := long_run((off > 0.45 * size) & (size > 0.3 * np.quantile(size, 0.9)), m.t_k, 0.08):
             linear, angular = np.split((m.asked - m.V)[hit[0] + np.argmax(off[slice(*hit)])], 2)
-            words = f"{1000 * np.linalg.norm(linear):.0f} mm/s and {np.degrees(np.linalg.norm(angular)):.0f}°/s off what was asked"
+            words = f"{1000 * norm(linear):.0f} mm/s and {np.degrees(norm(angular)):.0f}°/s off what was asked"
             yield Found("strayed", m.t_k[hit[0]], f"the hand moved up to {words}")
 
 

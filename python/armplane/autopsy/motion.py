@@ -35,8 +35,8 @@ def filled(x):
 
 
 def norm(x):
-    """Lengths of rows."""
-    return np.linalg.norm(x, axis=1)
+    """The length of a vector, or those of rows."""
+    return np.linalg.norm(x, axis=-1)
 
 
 def alike(x, y):

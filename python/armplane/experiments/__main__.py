@@ -2,7 +2,7 @@
 
 import argparse
 import json
-import pathlib
+from pathlib import Path
 import sys
 
 import armplane
@@ -18,17 +18,17 @@ def main():
     parser = argparse.ArgumentParser(prog="armplane")
     commands = parser.add_subparsers(dest="command", required=True)
     sweep = commands.add_parser("sweep")
-    sweep.add_argument("file", type=pathlib.Path, help="the sweep's TOML file")
-    sweep.add_argument("--out", type=pathlib.Path, help="folder for the results; goes on with a sweep begun there [default: runs/NAME]")
+    sweep.add_argument("file", type=Path, help="the sweep's TOML file")
+    sweep.add_argument("--out", type=Path, help="folder for the results; goes on with a sweep begun there [default: runs/NAME]")
     sweep.add_argument("--jobs", type=int, default=-1, help="number of threads [default: all cores]")
     sweep.add_argument("--dask", metavar="ADDRESS", help="run on the workers of this dask scheduler")
     report = commands.add_parser("report")
-    report.add_argument("folder", type=pathlib.Path, help="the sweep's folder")
+    report.add_argument("folder", type=Path, help="the sweep's folder")
     report.add_argument("--by", default="position_max_mm", help="column that ranks the worst runs and colours the map [default: %(default)s]")
     report.add_argument("--map", type=lambda text: text.split(","), help="KEY,KEY: the axes of the map [default: the first two]")
     report.add_argument("--worst", type=int, default=10, help="number of worst runs to list [default: %(default)s]")
     figures = commands.add_parser("figures")
-    figures.add_argument("--out", type=pathlib.Path, help="folder for the figures [default: the next free runs/figures-NNN]")
+    figures.add_argument("--out", type=Path, help="folder for the figures [default: the next free runs/figures-NNN]")
     figures.add_argument("--set", action="append", default=[], help="override a value of every scenario, for example plant.encoder_bits=0 (repeatable)")
     steered = commands.add_parser("steered")
     steered.add_argument("robots", nargs="*", default=["puma560", "ur5", "iiwa14", "panda"])
@@ -61,7 +61,7 @@ def _refuse(error):
 
 def _sweep(experiments, options):
     name, arguments = read_file(options.file)
-    out = options.out or pathlib.Path("runs") / name
+    out = options.out or Path("runs") / name
     client = None
     if options.dask:
         from distributed import Client
@@ -91,7 +91,7 @@ def _report(experiments, options):
 def _figures(experiments, options):
     settings = dict(_setting(one) for one in options.set)
     number = 1
-    while (out := options.out or pathlib.Path("runs") / f"figures-{number:03}").exists():
+    while (out := options.out or Path("runs") / f"figures-{number:03}").exists():
         if options.out:
             raise ValueError(f"{out} exists: choose another folder")
         number += 1

@@ -5,6 +5,7 @@ import pathlib
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
+from numpy.linalg import norm
 from scipy.spatial.transform import Rotation
 
 from .. import _armplane
@@ -42,7 +43,7 @@ def figures(out, settings=None):
 
 
 def unit(v):
-    return v / np.linalg.norm(v)
+    return v / norm(v)
 
 
 class Recorded:
@@ -56,7 +57,7 @@ class Recorded:
         self.q, self.p, p_d = map(self.vectors, ("joint.q", "hand.position", "desired.position"))
         hand, desired = (Rotation.from_quat(self.vectors(f"{one}.orientation")) for one in ("hand", "desired"))
         self.R, self.turned, self.off = hand.as_matrix(), (hand * hand[0].inv()).as_rotvec(), p_d - self.p
-        self.error_mm = 1e3 * np.linalg.norm(self.off, axis=1)
+        self.error_mm = 1e3 * norm(self.off, axis=1)
         self.error_deg = np.degrees((hand * desired.inv()).magnitude())
 
     def vectors(self, quantity):
@@ -69,7 +70,7 @@ class Recorded:
     def zeta(self, name):
         """The moving or the turning half of ζ, whichever it has."""
         v, w = np.hsplit(self.vectors(f"singularity.zeta.{name}"), 2)
-        return np.where(np.linalg.norm(v, axis=1, keepdims=True) > 0.5, v, w)
+        return np.where(norm(v, axis=1, keepdims=True) > 0.5, v, w)
 
     def chain(self, i):
         """Base, joints, end-effector and, in space, the end of a stick along its z axis; m."""
@@ -94,7 +95,7 @@ class Recorded:
         at, torque = self.arm.at(self.q[i]), self.vectors("torque.null")[i]
         J = at.J[:2]
         AinvJT = np.linalg.solve(at.A, J.T)
-        return np.linalg.norm(np.linalg.solve(J @ AinvJT, AinvJT.T @ torque))
+        return norm(np.linalg.solve(J @ AinvJT, AinvJT.T @ torque))
 
 
 def joints(values, which):
@@ -183,7 +184,7 @@ def two_locks(path, run):
     """Figure 4: elbow and wrist locked at once, moved along ζ of the elbow."""
     zeta = run.zeta("elbow")[0]  # stays the direction of the task
     t, horizontal, along, moved = run.t, run.outwards(unit(zeta * [1, 1, 0])), 1e3 * run.off @ zeta, 1e3 * (run.p - run.p[0]) @ zeta
-    orthogonal = 1e3 * np.linalg.norm(run.off - np.outer(run.off @ zeta, zeta), axis=1)
+    orthogonal = 1e3 * norm(run.off - np.outer(run.off @ zeta, zeta), axis=1)
     numbers = {
         "moved_mm": moved[-1], "along_max_mm": np.abs(along).max(), "orthogonal_max_mm": orthogonal.max(),
         "orientation_max_deg": run.error_deg.max(), "final_mm": run.error_mm[-1],
@@ -209,7 +210,7 @@ def two_locks(path, run):
 def wrist_lock(path, run):
     """Figure 5: wrist lock, ζ turned by null-space motion, then a rotation about the direction that was lost."""
     t, zeta, pink = run.t, run.zeta("wrist"), SINGULARITIES["wrist"]
-    change = t[np.argmax(np.linalg.norm(run.vectors("desired.angular_velocity"), axis=1) > 0)]
+    change = t[np.argmax(norm(run.vectors("desired.angular_velocity"), axis=1) > 0)]
     # Seen along ζ at the start: the rotation that was impossible is in the plane of the page.
     up = unit(Z - zeta[0] * zeta[0, 2])
     turned = np.where(t <= change, np.degrees(np.arccos(np.clip(zeta @ zeta[0], -1, 1))), np.nan)

@@ -10,7 +10,7 @@ import itertools
 import json
 import math
 import os
-import pathlib
+from pathlib import Path
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -61,9 +61,9 @@ def sweep(scenario, space, runs=None, method="grid", *, seed=1, settings=None, o
     chunk = chunk or min(max(math.ceil(len(points) / 64), 8), 1000)
     chunks = {i: points[i : i + chunk] for i in range(0, len(points), chunk)}
     plan = {"scenario": str(scenario), "settings": settings or {}, "space": space, "method": method, "seed": seed, "runs": len(points), "chunk": chunk}
-    parts = {i: pathlib.Path(out) / f"runs-{i:08}.parquet" for i in chunks} if out is not None else {}
+    parts = {i: Path(out) / f"runs-{i:08}.parquet" for i in chunks} if out is not None else {}
     if out is not None:
-        _claim(pathlib.Path(out), plan, _first(scenario, points[0], settings, run))
+        _claim(Path(out), plan, _first(scenario, points[0], settings, run))
     todo = {i: points for i, points in chunks.items() if i not in parts or not parts[i].exists()}
     done, tables = len(points) - sum(map(len, todo.values())), {}
     for i, rows in _spread(todo, (scenario, settings, run), client, jobs):
@@ -79,7 +79,7 @@ def sweep(scenario, space, runs=None, method="grid", *, seed=1, settings=None, o
 
 def read(folder):
     """The table of a sweep's folder, as far as it has come, and its plan."""
-    folder = pathlib.Path(folder)
+    folder = Path(folder)
     if not (folder / PLAN).is_file():
         raise ValueError(f"{folder} is not a sweep's folder: it has no {PLAN}")
     parts = sorted(folder.glob("runs-*.parquet"))

@@ -1,7 +1,7 @@
 """The target of the arm at each moment: of a person's hand, a posture, or a tour."""
 
 import itertools
-import time
+from time import monotonic
 
 import numpy as np
 from viser.transforms import SO3
@@ -59,12 +59,12 @@ class Hand:
     def _tour(self, postures):
         """Near each singularity, along ζ and back, home; without end."""
         for name, q in itertools.cycle(postures.items()):
-            end = time.monotonic() + 8
-            while np.abs(self.session.q - q).max() > 0.02 and time.monotonic() < end:
+            end = monotonic() + 8
+            while np.abs(self.session.q - q).max() > 0.02 and monotonic() < end:
                 yield _line("posture, joints, 0.5", q)
             for side, seconds in () if name == "start" else ((1, 1.2), (-1, 2.4), (1, 1.2)):
-                end = time.monotonic() + seconds
-                while time.monotonic() < end:
+                end = monotonic() + seconds
+                while monotonic() < end:
                     yield _line("twist, singular, 0.3", side * self._along_zeta())
 
     def _along_zeta(self):

@@ -10,6 +10,7 @@ import socket
 import sys
 import threading
 import time
+from time import monotonic
 import webbrowser
 
 import numpy as np
@@ -59,12 +60,12 @@ class Page:
         self.given, self.token, self.room = given, token, (folder, keeper)
         self.actions, self.story = queue.Queue(), collections.deque(["Drag the yellow ball."], 4)
         # The steering browser, since when nobody has touched anything; clicks of others; notices by browser.
-        self.driver, self.touched, self.refused, self.notices = None, time.monotonic(), 0, {}
+        self.driver, self.touched, self.refused, self.notices = None, monotonic(), 0, {}
         # Browsers whose camera stays as a person has turned it, until the arm gets something to do.
         self.turned = set()
         self.subject, self.settings, self.law, self.home = given.subject, [], None, None
         self.session, self.ghost, self.hand, self.scene = None, None, None, None
-        self.failures, self.ended, self.said, self.kept = 0, [], time.monotonic(), {}
+        self.failures, self.ended, self.said, self.kept = 0, [], monotonic(), {}
         # viser prints a box with addresses, without the token.
         with door.guarded(token), contextlib.redirect_stdout(io.StringIO()):
             self.server = viser.ViserServer(given.host, given.port, label="armplane play", verbose=False)
@@ -145,7 +146,7 @@ class Page:
     def _is_taken(self):
         """Whether somebody steers: holds the ball, or has just touched something."""
         is_here = self.driver in self.server.get_clients()
-        recently = time.monotonic() - self.touched < KEEPS_S
+        recently = monotonic() - self.touched < KEEPS_S
         return is_here and (recently or self.hand is not None and self.hand.mode == "hand")
 
     def _may(self, client):
@@ -162,7 +163,7 @@ class Page:
 
     def _touch(self):
         """Ends the tour, and puts the next one off."""
-        self.touched = time.monotonic()
+        self.touched = monotonic()
         if self.hand.mode == "tour":
             self.hand.hold()
 
@@ -289,7 +290,7 @@ class Page:
             self.rivals.value = self.kept["rival"] = NOBODY
             self._race(None)
         if has_ended:
-            is_short = time.monotonic() - session.began < 10
+            is_short = monotonic() - session.began < 10
             self.failures = self.failures + 1 if is_short else 1
             if session.seen is None and self.home is None or self.failures > 3:
                 raise SystemExit(f"armplane play: {self.story[-1].removeprefix('armplane: ')}")
@@ -303,7 +304,7 @@ class Page:
         """Until the process is told to end."""
         # At every tick the run waits for the thread that observes it: that must not wait for this.
         sys.setswitchinterval(1e-4)
-        due, number = time.monotonic(), 0
+        due, number = monotonic(), 0
         try:
             while True:
                 self._look_after_runs()
@@ -312,7 +313,7 @@ class Page:
                         self._meet(self.session)
                     self.hand = self.hand or Hand(self.session)
                     self._step(number)
-                due, number = max(due + 1 / RATE_HZ, time.monotonic() - 0.2), number + 1
+                due, number = max(due + 1 / RATE_HZ, monotonic() - 0.2), number + 1
                 self._listen(due)
         finally:
             self._end(self.session)
@@ -326,16 +327,16 @@ class Page:
         """Waits; a person's action goes to the arm at once, as soon as its run has a state."""
         while self.hand:
             try:
-                self.actions.get(timeout=max(due - time.monotonic(), 0.0))()
+                self.actions.get(timeout=max(due - monotonic(), 0.0))()
             except queue.Empty:
                 return
             self._say()
-        time.sleep(max(due - time.monotonic(), 0.0))
+        time.sleep(max(due - monotonic(), 0.0))
 
     def _say(self):
         """The target of this moment, for the arm and its ghost."""
         if self.hand:
-            now = time.monotonic()
+            now = monotonic()
             line = self.hand.line(min(now - self.said, 0.1), self.kept["speed"])
             self.said = now
             for one in filter(None, (self.session, self.ghost)):
@@ -343,8 +344,8 @@ class Page:
 
     def _step(self, number):
         session, hand, clients = self.session, self.hand, self.server.get_clients()
-        if hand.mode == "hold" and time.monotonic() - self.touched > PATIENCE_S:
-            if time.monotonic() - session.began > FULL_S:
+        if hand.mode == "hold" and monotonic() - self.touched > PATIENCE_S:
+            if monotonic() - session.began > FULL_S:
                 self.story.append("Two minutes are recorded: a new run begins.")
                 return self._begin(self._posture())
             if clients and self.kept["tours"] and len(self.postures) > 1:

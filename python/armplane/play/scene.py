@@ -3,6 +3,7 @@
 import collections
 
 import numpy as np
+from numpy.linalg import norm
 import trimesh
 from viser.transforms import SO3
 
@@ -120,7 +121,7 @@ class Scene:
     def is_sent(self, client, position):
         """Whether a camera is where it has been sent, and nobody has moved it."""
         ways = np.array(self.sent.get(client, [position])) - position
-        return np.linalg.norm(ways, axis=1).min() < 0.01 * self.robot.reach
+        return norm(ways, axis=1).min() < 0.01 * self.robot.reach
 
     def camera(self, client):
         """Where it is and what it looks at, as soon as the browser says that it is there."""
@@ -133,7 +134,7 @@ class Scene:
         """Moves a camera, without turning it, as far as hand and ball have left their part."""
         camera, sent, gaze = client.camera, self.sent[client.client_id], self.gaze[client.client_id]
         low, high = ABOVE if camera.aspect < 1 else BESIDE
-        ahead = gaze / np.linalg.norm(gaze)
+        ahead = gaze / norm(gaze)
         right = np.cross(ahead, [0, 0, 1]) / max(np.hypot(*ahead[:2]), 1e-9)
         R = np.stack([right, np.cross(right, ahead), ahead], axis=1)
         half = np.tan(camera.fov / 2) * np.array([camera.aspect, 1])
@@ -143,7 +144,7 @@ class Scene:
         below, above = np.minimum(seen.min(axis=0) - low, 0), np.maximum(seen.max(axis=0) - high, 0)
         wider = (np.ptp(seen, axis=0) / (high - low)).max()
         way = depth.mean() * np.append((below + above) * half, min(1 - wider, 0))
-        if np.linalg.norm(way) > 0.005 * self.robot.reach:
+        if norm(way) > 0.005 * self.robot.reach:
             sent.append(sent[-1] + CALM * R @ way)
             # Both, for the browser's last word on its camera may be older than what it was sent.
             camera.position, camera.look_at = sent[-1], sent[-1] + gaze

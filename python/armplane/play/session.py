@@ -1,7 +1,7 @@
 """A run that the page steers: `armplane servo`, fed with targets line by line, and observed."""
 
 import collections
-import contextlib
+from contextlib import suppress
 import json
 import os
 import pathlib
@@ -102,7 +102,7 @@ class Session:
     def say(self, line):
         """Gives a target."""
         # A run that has ended reads no more; the page sees that by itself.
-        with self._lock, contextlib.suppress(BrokenPipeError, ValueError):
+        with self._lock, suppress(BrokenPipeError, ValueError):
             self.process.stdin.write(line + "\n")
             self.process.stdin.flush()
 
@@ -121,7 +121,7 @@ class Session:
     def end(self, kept=None, tell=None):
         """Ends it at rest. A thread waits for that, moves the run to `kept`, and tells so."""
         self.say("end")
-        with self._lock, contextlib.suppress(BrokenPipeError):
+        with self._lock, suppress(BrokenPipeError):
             self.process.stdin.close()
         self.ending = threading.Thread(target=self._finish, args=(kept, tell))
         self.ending.start()
@@ -130,7 +130,7 @@ class Session:
         for number in (None, signal.SIGINT, signal.SIGKILL):
             if number:
                 self.process.send_signal(number)
-            with contextlib.suppress(subprocess.TimeoutExpired):
+            with suppress(subprocess.TimeoutExpired):
                 self.process.wait(5)
                 break
         if self.process.returncode is None or self.process.returncode < 0:

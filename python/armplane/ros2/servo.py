@@ -4,6 +4,7 @@ Each function gives the line of a target (docs/servo.md); a command that cannot 
 """
 
 import numpy as np
+from numpy.linalg import norm
 
 from ..rotation import rotation_log, rotation_of
 
@@ -43,7 +44,7 @@ def quaternion(R):
     """`w, x, y, z` of a rotation matrix."""
     turn = rotation_log(R)
     # sin(a/2)/a of the angle a, also of none.
-    return np.append(np.cos(np.linalg.norm(turn) / 2), turn * np.sinc(np.linalg.norm(turn) / (2 * np.pi)) / 2)
+    return np.append(np.cos(norm(turn) / 2), turn * np.sinc(norm(turn) / (2 * np.pi)) / 2)
 
 
 class Frames:
@@ -83,7 +84,7 @@ class Commands:
         return TIMEOUT_S - max(age, 0.0)
 
     def _scaled(self, speed, scale):
-        return speed * (min(1.0, scale / max(np.linalg.norm(speed), 1e-12)) if self.has_units else scale)
+        return speed * (min(1.0, scale / max(norm(speed), 1e-12)) if self.has_units else scale)
 
     def twist(self, message, now, q):
         """A geometry_msgs/TwistStamped: about the hand, in the axes of its frame."""
@@ -99,8 +100,8 @@ class Commands:
         """A geometry_msgs/PoseStamped: a goal of the hand."""
         self.motion, valid_s = None, self._valid_s(message, now)
         p, x = fields(message.pose.position, "xyz"), fields(message.pose.orientation, "wxyz")
-        if abs(np.linalg.norm(x) - 1.0) > 1e-3:
-            raise ValueError(f"its quaternion has norm {np.linalg.norm(x):.4f}, not 1")
+        if abs(norm(x) - 1.0) > 1e-3:
+            raise ValueError(f"its quaternion has norm {norm(x):.4f}, not 1")
         base = self.frames.pose(message.header.frame_id, q)
         return line("pose, base", valid_s, base[:3, :3] @ p + base[:3, 3], quaternion(base[:3, :3] @ rotation_of(x)), np.zeros(6))
 
