@@ -17,8 +17,8 @@ import sys
 
 import armplane
 import numpy as np
-from numpy.linalg import norm
 import pandas
+from numpy.linalg import norm
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 

@@ -38,7 +38,7 @@ KINDS = "line circle waypoints spline table".split()
 
 def recording(program, words, folder):
     """The recording of a run."""
-    done = subprocess.run([program, *words.split(), "--out", str(folder)], cwd=HERE, capture_output=True, text=True, check=False)
+    done = subprocess.run([program, *words.split(), "--out", str(folder)], cwd=HERE, capture_output=True, text=True)
     if not (file := folder / "run.rrd").exists():
         sys.exit(f"armplane {words} left no recording: {done.stderr.strip()}")
     return [file]

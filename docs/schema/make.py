@@ -14,7 +14,7 @@ import re
 import sys
 
 HERE = pathlib.Path(__file__).resolve().parent
-TYPES = HERE.parents[1] / "shared-types" / "src"
+TYPES = HERE.parents[1] / "shared-types/src"
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 NUMBERS = {"f64": "number", "i32": "integer", "bool": "boolean", "String": "string", "PathBuf": "string"}
 BY_SINGULARITY = json.loads("""{

@@ -104,8 +104,7 @@ class Joined:
             # Kept: the library calls it.
             self._look = _Look(looks.send)
             self._call("look_out", self._look, None)
-        with open(os.path.join(self.folder, "job.json")) as file:
-            self.job = json.load(file)
+        self.job = json.loads(pathlib.Path(self.folder, "job.json").read_text())
         declared = {topic["name"]: topic for topic in self.job["graph"].get("topic", ())}
         self.inputs, self.outputs, self._inputs = {}, {}, {}
         while described := self._call("topic_at", len(self.inputs) + len(self.outputs)):
@@ -186,5 +185,4 @@ class Joined:
 
     def mjcf(self):
         """The arm of the run in MJCF, in base axes. The site `end_effector` is the end-effector, a key the start, a joint's `user` its speed limit."""
-        with open(os.path.join(self.folder, "arm.xml")) as file:
-            return file.read()
+        return pathlib.Path(self.folder, "arm.xml").read_text()

@@ -1,8 +1,8 @@
 """Listens to a run in progress from outside: its topics are iceoryx2 services. Needs `pip install iceoryx2==0.10.0`."""
 
-import glob
 import json
 import os
+import pathlib
 import time
 
 import iceoryx2
@@ -12,8 +12,8 @@ from . import wire
 
 def runs():
     """The folders of this user's runs in progress, the latest last."""
-    found = [path for path in glob.glob("/dev/shm/armplane-*") if os.path.isfile(os.path.join(path, "manifest.json"))]
-    return sorted(found, key=os.path.getmtime)
+    found = [path.parent for path in pathlib.Path("/dev/shm").glob("armplane-*/manifest.json")]
+    return [str(path) for path in sorted(found, key=lambda path: path.stat().st_mtime)]
 
 
 class Subscriber:
@@ -60,6 +60,5 @@ class Subscriber:
 
     def job(self):
         """The job of the run."""
-        with open(os.path.join(self.run, "job.json")) as file:
-            return json.load(file)
+        return json.loads(pathlib.Path(self.run, "job.json").read_text())
 

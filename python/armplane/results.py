@@ -4,11 +4,11 @@ import functools
 import html
 import json
 import os
-from pathlib import Path
 import shutil
 import subprocess
 import sysconfig
 import tempfile
+from pathlib import Path
 
 
 def _program():
@@ -34,7 +34,7 @@ def _sentence(stderr):
 
 
 def _armplane(*arguments):
-    done = subprocess.run([_program(), *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, check=False)
+    done = subprocess.run([_program(), *map(str, arguments)], capture_output=True, text=True)
     if done.returncode not in (0, 1) or not done.stdout.strip():
         raise RuntimeError(_sentence(done.stderr) or f"armplane {arguments[0]} ended with exit code {done.returncode}")
     return done.stdout, done.stderr
@@ -45,8 +45,7 @@ class Run:
 
     def __init__(self, folder):
         self.folder = Path(folder)
-        with open(self.folder / "summary.json") as file:
-            self.summary = json.load(file)
+        self.summary = json.loads((self.folder / "summary.json").read_text())
 
     def __repr__(self):
         return f"Run({str(self.folder)!r}: {self.summary['scenario']}, {self.summary['outcome']})"
@@ -83,7 +82,7 @@ class Run:
 
     def view(self):
         """Opens the recording in the Rerun viewer. Raises RuntimeError if it is missing (`pip install rerun-sdk==0.36.3`)."""
-        done = subprocess.run([_program(), "view", str(self.folder)], stderr=subprocess.PIPE, text=True, check=False)
+        done = subprocess.run([_program(), "view", str(self.folder)], stderr=subprocess.PIPE, text=True)
         if done.returncode:
             raise RuntimeError(_sentence(done.stderr))
 

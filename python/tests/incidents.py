@@ -10,16 +10,16 @@ a cause is the one that was put in, kept only where the controller itself has fe
 
 import argparse
 import json
-from pathlib import Path
 import sys
 import tempfile
 import tomllib
 import xml.etree.ElementTree as ElementTree
+from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.linalg import norm
 import pandas
+from numpy.linalg import norm
 from scipy.spatial.transform import Rotation
 
 DT = 0.002

@@ -8,8 +8,8 @@ import sys
 import armplane
 import numpy as np
 import pytest
-from armplane.arena import tasks
 from armplane.arena import __main__ as program
+from armplane.arena import tasks
 from armplane.arena.__main__ import after_delay
 from armplane.results import _program
 
@@ -68,7 +68,7 @@ writes = ["control_state", "torque"]
 
 
 def compare(folder, *arguments):
-    done = subprocess.run([_program(), "compare", *arguments, "--out", folder, "--json"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, check=False)
+    done = subprocess.run([_program(), "compare", *arguments, "--out", folder, "--json"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)["scenarios"][0]["laws"]
 
@@ -147,7 +147,7 @@ def test_an_opponent_cannot_write_its_score_or_its_task(tmp_path):
 
 def arena(folder, *asked):
     command = [_program(), "arena", "--size", "short", "--robot", "ur5", "--out", str(folder), "--jobs", "2", *asked]
-    return subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, check=False)
+    return subprocess.run(command, capture_output=True, text=True)
 
 
 def rows_of(folder):
@@ -167,14 +167,14 @@ def test_the_arena_runs_continues_and_repeats_itself(tmp_path):
     assert {row["law"] for row in rows if row.get("median_us", 0.0) > 0} == {"armplane", "mine"}
     digest = lambda done: done.stdout.split("hash ")[1].split(";")[0]
     # Continued, nothing is run again; in another folder, everything is, to the same bits.
-    half = (tmp_path / "a" / "rows.jsonl").read_text().splitlines(keepends=True)
-    (tmp_path / "a" / "rows.jsonl").write_text("".join(half[:-2]) + half[-2][:20])
+    half = (tmp_path / "a/rows.jsonl").read_text().splitlines(keepends=True)
+    (tmp_path / "a/rows.jsonl").write_text("".join(half[:-2]) + half[-2][:20])
     second = arena(tmp_path / "a", *laws)
     assert digest(second) == digest(first) and second.stderr.count(" of 2, ") == 2
     assert "left out" in second.stderr and "no_such_package" in second.stderr
     for wrong in (["--law", "mine=nowhere.py"], ["--law", "nothing"], ["--check", str(tmp_path / "mine.py")], ["--robot", "nobody"]):
         assert arena(tmp_path / "b", *wrong).returncode == 2, wrong
-    assert pathlib.Path(tmp_path / "a" / "arena.html").stat().st_size > 1000
+    assert pathlib.Path(tmp_path / "a/arena.html").stat().st_size > 1000
 
 
 def test_tracks_and_variations_are_rows_of_their_own(tmp_path):
@@ -191,7 +191,7 @@ def test_tracks_and_variations_are_rows_of_their_own(tmp_path):
     assert rows["no hints", "armplane", "fig5-wrist-rotation"]["task_hash"] != rows["given clock", "armplane", "fig5-wrist-rotation"]["task_hash"]
     late = rows["delay 2 ticks", "armplane", "ur5-usual-1"]
     assert late["stopped_ticks"] == 2 and late["s1"] and "joint stop" not in late["missed"]
-    assert "data:image/svg+xml" in (tmp_path / "a" / "arena.html").read_text()
+    assert "data:image/svg+xml" in (tmp_path / "a/arena.html").read_text()
 
 
 def test_two_hundred_lines_of_the_test_seed_are_not_those_of_training():

@@ -2,12 +2,12 @@
 
 import json
 import os
-from pathlib import Path
 import signal
 import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import armplane
 import pytest

@@ -6,7 +6,7 @@ import nbformat
 import pytest
 from nbclient import NotebookClient
 
-NOTEBOOK = next(path for folder in pathlib.Path(__file__).parents if (path := folder / "examples" / "notebook.ipynb").exists())
+NOTEBOOK = next(path for folder in pathlib.Path(__file__).parents if (path := folder / "examples/notebook.ipynb").exists())
 SIX = "".join(
     f'<body name="l{i}" pos="0 0 {z}"><joint name="j{i}" axis="{axis}" range="-170 170"/><geom type="capsule" fromto="0 0 0 0 0 0.1" size="0.03"/>'
     for i, (z, axis) in enumerate([(0.2, "0 0 1"), (0.1, "0 1 0"), (0.4, "0 1 0"), (0.4, "0 0 1"), (0.0, "0 1 0"), (0.0, "0 0 1")], 1)

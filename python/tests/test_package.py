@@ -1,10 +1,10 @@
 """The package as it is installed: `python/build --test` runs this in an empty virtual environment."""
 
 import os
-from pathlib import Path
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import armplane
 import numpy as np

@@ -1,12 +1,10 @@
 """The page `armplane play` in headless Chromium, dragged with a real mouse; what it leaves when it, its tab or a process of the run is killed."""
 
 import asyncio
-from contextlib import suppress
 import functools
 import importlib.util
 import json
 import os
-from pathlib import Path
 import queue
 import re
 import signal
@@ -14,16 +12,18 @@ import socket
 import subprocess
 import sys
 import time
-from types import SimpleNamespace
 import urllib.error
 import urllib.request
+from contextlib import suppress
+from pathlib import Path
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import armplane
 import numpy as np
-from numpy.linalg import norm
 import processes
 import pytest
+from numpy.linalg import norm
 from processes import having
 
 CHROMIUM = "/usr/bin/chromium"
@@ -379,7 +379,7 @@ def test_a_full_disk_is_told_in_a_sentence_and_keeps_no_half_run(tmp_path, monke
         raise session.shutil.Error([(source, target, f"[Errno 28] No space left on device: '{source}' -> '{target}'")])
 
     monkeypatch.setattr(session.shutil, "move", full)
-    one, told, kept = object.__new__(session.Session), [], tmp_path / "runs" / "one"
+    one, told, kept = object.__new__(session.Session), [], tmp_path / "runs/one"
     one.process, one.folder = subprocess.Popen(["true"]), tmp_path / "room"
     one._finish(kept, told.append)
     assert not kept.exists() and "No space left on device. Start" in told[0]
@@ -405,7 +405,7 @@ def test_strangers_are_refused_on_every_address(tmp_path):
 
 @needs_viser
 def test_a_wrong_name_is_said_before_any_address(tmp_path):
-    said = subprocess.run([sys.executable, "-m", "armplane.play", "nobody"], cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    said = subprocess.run([sys.executable, "-m", "armplane.play", "nobody"], cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE)
     assert said.returncode == 1 and "http" not in said.stdout and "nobody" in said.stderr
 
 
@@ -438,10 +438,10 @@ def test_an_arm_is_drawn_from_its_file_and_what_is_lacking_is_told(tmp_path):
     from armplane.play.body import Body
     from armplane.play.robot import links
 
-    (tmp_path / "arm" / "urdf").mkdir(parents=True)
-    (tmp_path / "arm" / "a.stl").write_text(STL)
+    (tmp_path / "arm/urdf").mkdir(parents=True)
+    (tmp_path / "arm/a.stl").write_text(STL)
     tips = np.array([[0, 0, 1], [1, 0, 0], [0, 0, 0], [0, 0.5, 0]])
-    tree, folder = ElementTree.fromstring(ARM), str(tmp_path / "arm" / "urdf")
+    tree, folder = ElementTree.fromstring(ARM), str(tmp_path / "arm/urdf")
     body = Body(SimpleNamespace(tree=tree, links=links(tree, ["one", "two", "three"]), folder=folder, tips=tips, reach=2.5))
     base, mesh, box, ball, tube = body.parts
     assert [part[0] for part in body.parts] == [-1, 0, 0, 1, 2]

@@ -14,12 +14,12 @@ from time import monotonic
 
 import armplane
 import numpy as np
-from numpy.linalg import norm
 import pytest
 from armplane.results import _program
 from armplane.ros2.door import DEFINED
 from armplane.ros2.servo import Frames, quaternion
 from armplane.rotation import rotation_exp, rotation_log, rotation_of
+from numpy.linalg import norm
 from processes import having, wait
 from scipy.spatial.transform import RigidTransform, Rotation
 
@@ -75,7 +75,7 @@ def _job_of(robot, folder):
     out = folder / robot
     if not out.exists():
         command = [_program(), "servo", robot, "--random", "1", "--duration", "0.05", "--out", str(out)]
-        subprocess.run(command, check=False, capture_output=True)
+        subprocess.run(command, capture_output=True)
     return json.loads((out / "job.json").read_text())
 
 
@@ -374,5 +374,5 @@ def test_a_run_on_its_path_has_the_clock_of_its_ticks(store, tmp_path):
 
 def test_what_cannot_be_had_is_said_before_the_start(tmp_path):
     for words, why in [(["--ros2=rate=0"], "rate=0"), (["--ros2=cloc"], "no option 'cloc'")]:
-        done = subprocess.run([_program(), "servo", "ur5", *words], cwd=tmp_path, capture_output=True, text=True, check=False)
+        done = subprocess.run([_program(), "servo", "ur5", *words], cwd=tmp_path, capture_output=True, text=True)
         assert done.returncode == 2 and why in done.stderr and not list(tmp_path.glob("runs/*"))

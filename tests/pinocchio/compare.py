@@ -9,13 +9,13 @@ the headers of the same installation, which takes five minutes of one core and 2
 
 import json
 import os
-from pathlib import Path
 import re
 import shutil
 import subprocess
 import sys
 import tempfile
 import tomllib
+from pathlib import Path
 
 try:
     import numpy
@@ -26,7 +26,7 @@ except ImportError:
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
-ROBOTS = ROOT / "services" / "model" / "robots"
+ROBOTS = ROOT / "services/model/robots"
 ARMS = ["puma560", "ur5", "panda"]
 TURNS = 5
 OURS = ["cargo", "run", "--release", "--locked", "--quiet", f"--manifest-path={ROOT / 'services/model/Cargo.toml'}", "--example", "terms", "--"]

@@ -2,7 +2,6 @@
 
 import argparse
 import concurrent.futures
-from contextlib import suppress
 import fcntl
 import functools
 import hashlib
@@ -10,7 +9,6 @@ import itertools
 import json
 import math
 import os
-from pathlib import Path
 import shlex
 import signal
 import subprocess
@@ -18,8 +16,10 @@ import sys
 import tempfile
 import threading
 import time
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from importlib import metadata
+from pathlib import Path
 
 import armplane
 

@@ -9,10 +9,11 @@ bounds what can be reached, a line through it begins or ends there. An arm that 
 import hashlib
 import importlib.util
 import math
-from pathlib import Path
 import random
 import re
 import tempfile
+from dataclasses import dataclass
+from pathlib import Path
 
 import armplane
 
@@ -33,13 +34,21 @@ DRAWN = 0.28
 VARIED = 3
 
 
+@dataclass
 class Task:
     """A scenario: its name, group, and `argument`, a built-in name or a file of this `text`. `is_varied`: whether payload, noise and delay are varied on it.
     `known`: what its hash is of, where that is not the text."""
 
-    def __init__(self, name, group, argument, text, is_varied=False, known=None):
-        self.name, self.group, self.argument, self.text, self.is_varied = name, group, str(argument), text, is_varied
-        self.hash = hashlib.sha256((known or text).encode()).hexdigest()[:16]
+    name: str
+    group: str
+    argument: str
+    text: str
+    is_varied: bool = False
+    known: str = ""
+
+    @property
+    def hash(self):
+        return hashlib.sha256((self.known or self.text).encode()).hexdigest()[:16]
 
     def copied(self, folder):
         """What a run is given: the built-in name, or a file of its own, because an opponent may have written to the one that all share."""
@@ -86,7 +95,7 @@ def unhinted(folder, tasks, armplane):
         if bare != text:
             path = folder / f"{task.name}.toml"
             path.write_text(bare)
-            out.append(Task(task.name, task.group, path, bare))
+            out.append(Task(task.name, task.group, str(path), bare))
     return out
 
 
@@ -96,7 +105,7 @@ def _file(arm):
     if not package:
         return arm
     found = importlib.util.find_spec(package)
-    return str(Path(found.origin).parent / "models" / "assets" / "robots" / name / "robot.xml") if found else None
+    return str(Path(found.origin).parent / "models/assets/robots" / name / "robot.xml") if found else None
 
 
 def _lines(folder, arm, file, kinds, seed):
@@ -152,4 +161,4 @@ def _task(folder, name, group, robot, text, is_varied=False):
     arm = Path(robot)
     # The place of an arm's file is this machine's; its text is the task's.
     known = text.replace(robot, hashlib.sha256(arm.read_bytes()).hexdigest()) if arm.is_file() else text
-    return Task(name, group, path, text, is_varied, known)
+    return Task(name, group, str(path), text, is_varied, known)

@@ -10,8 +10,8 @@ import itertools
 import json
 import math
 import os
-from pathlib import Path
 from dataclasses import asdict, dataclass
+from pathlib import Path
 
 import numpy as np
 import pandas as pd

@@ -10,14 +10,13 @@ import socket
 import sys
 import threading
 import time
-from time import monotonic
 import webbrowser
+from time import monotonic
 
 import numpy as np
 import viser
 
-from .. import Arm
-from .. import laws
+from .. import Arm, laws
 from ..results import _next_folder
 from . import door, panel
 from .hand import Hand

@@ -3,8 +3,8 @@
 import collections
 
 import numpy as np
-from numpy.linalg import norm
 import trimesh
+from numpy.linalg import norm
 from viser.transforms import SO3
 
 from .. import wire

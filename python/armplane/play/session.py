@@ -1,7 +1,6 @@
 """A run that the page steers: `armplane servo`, fed with targets line by line, and observed."""
 
 import collections
-from contextlib import suppress
 import json
 import os
 import pathlib
@@ -13,6 +12,7 @@ import sys
 import tempfile
 import threading
 import time
+from contextlib import suppress
 
 import numpy as np
 
@@ -136,7 +136,7 @@ class Session:
         if self.process.returncode is None or self.process.returncode < 0:
             # Leftovers of a killed run in shared memory.
             quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-            subprocess.run([_program(), "clean"], **quiet, check=False)
+            subprocess.run([_program(), "clean"], **quiet)
         if kept:
             try:
                 self._keep(kept)
@@ -163,5 +163,5 @@ class Session:
     def fault(self, *words):
         """`armplane fault` into this run; its last line."""
         command = [_program(), "fault", *words, "--run", self.run]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        done = subprocess.run(command, capture_output=True, text=True)
         return (done.stdout + done.stderr).strip().splitlines()[-1]

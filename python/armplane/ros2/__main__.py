@@ -124,7 +124,7 @@ class Ros2(Observer):
                 self._say(topic, f"refused: {error}")
         for line in filter(None, [*lines, self.commands.next(now, q)]):
             try:
-                self.operator.sendto(line.encode(), os.path.join(self.joined.folder, "operator.socket"))
+                self.operator.sendto(line.encode(), f"{self.joined.folder}/operator.socket")
             except OSError as error:
                 # The operator is being started again, or is behind: the next line replaces this one.
                 self._say("the operator", f"a target is lost: {error.strerror}")
