@@ -104,6 +104,15 @@ def test_a_home_made_opponent_enters_the_table_with_the_same_bytes_twice(tmp_pat
     assert compare(tmp_path / "b", task, "--law", f"mine={tmp_path / 'mine.py'}")[0]["hash"] == laws[1]["hash"]
 
 
+@pytest.mark.parametrize("file", program.OPPONENTS, ids=lambda file: file.stem)
+def test_an_installed_opponent_ends_an_easy_path_with_the_same_bytes_twice(tmp_path, task, file):
+    reason, _ = program.asked_file(file, {})
+    if reason:
+        pytest.skip(reason)
+    first, second = (compare(tmp_path / run, task, "--law", f"{file.stem}={file}")[0] for run in "ab")
+    assert first["completed"] and first["orthogonal_max_deg"] < 5.0 and first["hash"] == second["hash"]
+
+
 @pytest.mark.parametrize("end, missed", [(5000, "end"), (100, "task")])
 def test_a_cheat_is_caught(tmp_path, task, end, missed):
     """The first calls the present pose its goal, to the end; the second ends early."""
