@@ -11,7 +11,8 @@ from pathlib import Path
 
 import armplane
 import pytest
-from armplane import experiments
+from armplane import experiments, trial
+from armplane.experiments import Range, sweep
 from armplane.experiments import __main__ as command
 
 SHORT = """name = "short"
@@ -40,7 +41,7 @@ def _folder(tmp_path, monkeypatch):
     ],
 )
 def test_a_trial_has_the_bytes_and_numbers_of_the_processes(scenario, settings, faults):
-    row = armplane.trial(scenario, settings, faults)
+    row = trial(scenario, settings, faults)
     given = dict(settings) if faults is None else {**settings, "fault": armplane.results._inner(faults)}
     run = armplane.run(scenario, settings=given, out="run")
     assert row["hash"] == {topic: one["hash"] for topic, one in run.summary["topics"].items()}
@@ -54,7 +55,7 @@ def test_a_trial_has_the_bytes_and_numbers_of_the_processes(scenario, settings, 
 
 def test_a_trial_leaves_the_interpreter_lock():
     begun, done = threading.Event(), threading.Event()
-    work = lambda: (begun.set(), armplane.trial("fig5-wrist-rotation"), done.set())
+    work = lambda: (begun.set(), trial("fig5-wrist-rotation"), done.set())
     thread = threading.Thread(target=work)
     thread.start()
     begun.wait()
@@ -68,29 +69,29 @@ def test_a_trial_leaves_the_interpreter_lock():
 def test_lines_and_laws_are_those_of_the_command():
     lines = armplane.lines("ur5", 1, seed=1)
     assert [line["singularities"] for line in lines] == ["elbow", "wrist", "overhead"]
-    assert lines == armplane.lines("ur5", 2, seed=1)[:3] and all(armplane.trial(line["scenario"])["s2"] for line in lines)
+    assert lines == armplane.lines("ur5", 2, seed=1)[:3] and all(trial(line["scenario"])["s2"] for line in lines)
     assert all("+" in line["singularities"] for line in armplane.lines("puma560", 1, kind="two"))
     assert len(armplane.lines("puma560", 6, kind="near")) == 6
     assert armplane.laws()[0] == "blended" and set(armplane.laws()) <= set(armplane.laws(all=True))
 
 
-@pytest.mark.parametrize("call", [lambda: armplane.trial("nowhere"), lambda: armplane.trial("short.toml", {"control.kp": 1}), lambda: armplane.lines("ur6", 1)])
+@pytest.mark.parametrize("call", [lambda: trial("nowhere"), lambda: trial("short.toml", {"control.kp": 1}), lambda: armplane.lines("ur6", 1)])
 def test_bad_input_is_a_value_error(call):
     with pytest.raises(ValueError):
         call()
 
 
 def test_what_a_law_refuses_is_a_row():
-    assert armplane.trial("short.toml", faults=[{"process": "plant", "kind": "kill", "at_tick": 10}])["outcome"] == "refused"
+    assert trial("short.toml", faults=[{"process": "plant", "kind": "kill", "at_tick": 10}])["outcome"] == "refused"
 
 
 def test_a_grid_counts_like_a_number_and_samples_fill_their_ranges():
-    space = {"control.k_p": [100, 400.5], "seed": experiments.Range(1, 3, 3), "plant.mass_factor": experiments.Range(0.5, 2, 3, log=True)}
-    grid = experiments.sweep("short.toml", space, run=lambda *_: {"outcome": "goal reached", "reason": ""})
+    space = {"control.k_p": [100, 400.5], "seed": Range(1, 3, 3), "plant.mass_factor": Range(0.5, 2, 3, log=True)}
+    grid = sweep("short.toml", space, run=lambda *_: {"outcome": "goal reached", "reason": ""})
     assert len(grid) == 18 and list(grid.iloc[4])[1:4] == [100, 2, 1.0] and list(grid.iloc[17])[1:4] == [400.5, 3, 2.0]
-    space = {"seed": experiments.Range(1, 4), "plant.mass_factor": experiments.Range(0.5, 1.5)}
+    space = {"seed": Range(1, 4), "plant.mass_factor": Range(0.5, 1.5)}
     for method in ("random", "sobol"):
-        draw = lambda runs, seed: experiments.sweep("short.toml", space, runs, method, seed=seed, run=lambda *_: {"outcome": "", "reason": ""})
+        draw = lambda runs, seed: sweep("short.toml", space, runs, method, seed=seed, run=lambda *_: {"outcome": "", "reason": ""})
         table = draw(2000, 1)
         assert table.equals(draw(2000, 1)) and not table.equals(draw(2000, 2)) and table[:100].equals(draw(100, 1))
         assert table["seed"].value_counts().between(400, 600).all() and abs(table["plant.mass_factor"].mean() - 1) < 0.03
@@ -101,16 +102,16 @@ def test_a_grid_counts_like_a_number_and_samples_fill_their_ranges():
     [
         ({}, {}),
         ({"control.kp": [1]}, {}),
-        ({"seed": experiments.Range(1, 4, 3)}, {}),
-        ({"control.k_p": experiments.Range(4, 1, 3)}, {}),
-        ({"control.k_p": experiments.Range(0, 1, 3, log=True)}, {}),
+        ({"seed": Range(1, 4, 3)}, {}),
+        ({"control.k_p": Range(4, 1, 3)}, {}),
+        ({"control.k_p": Range(0, 1, 3, log=True)}, {}),
         ({"control.k_p": [1]}, {"method": "halton", "runs": 4}),
-        ({"control.k_p": experiments.Range(1, 2)}, {"method": "random"}),
+        ({"control.k_p": Range(1, 2)}, {"method": "random"}),
     ],
 )
 def test_a_space_that_makes_no_sense_is_refused_before_any_run(space, more):
     with pytest.raises(ValueError):
-        experiments.sweep("short.toml", space, **more, run=lambda *_: pytest.fail("a run"))
+        sweep("short.toml", space, **more, run=lambda *_: pytest.fail("a run"))
 
 
 SWEEP = """name = "killed"
@@ -133,7 +134,7 @@ seed = 1
 def test_a_killed_sweep_goes_on_and_its_table_is_that_of_one_piece():
     Path("killed.toml").write_text(SWEEP)
     name, arguments = command.read_file(Path("killed.toml"))
-    whole = experiments.sweep(**arguments)
+    whole = sweep(**arguments)
     assert name == "killed" and len(whole) == 48
     start = lambda: subprocess.Popen([sys.executable, "-m", "armplane.experiments", "sweep", "killed.toml", "--out", "out"], stdout=subprocess.DEVNULL)
     parts = lambda: len(list(Path("out").glob("runs-*.parquet")))
@@ -147,20 +148,20 @@ def test_a_killed_sweep_goes_on_and_its_table_is_that_of_one_piece():
     assert experiments.read("out")[0].equals(whole)
     # Another sweep, or another program, is refused.
     with pytest.raises(ValueError, match="another sweep"):
-        experiments.sweep(**{**arguments, "seed": 2}, out="out")
+        sweep(**{**arguments, "seed": 2}, out="out")
     Path("short.toml").write_text(SHORT.replace("0.4", "0.3"))
     with pytest.raises(ValueError, match="first run"):
-        experiments.sweep(**arguments, out="out")
+        sweep(**arguments, out="out")
 
 
 def test_a_report_ranks_and_repeats_the_worst_runs():
     space = {"control.strategy": ["blended", "damped-least-squares"], "control.k_p": [100, 400], "seed": range(1, 2)}
-    table = experiments.sweep("fig5-wrist-rotation", space, out="laws")
+    table = sweep("fig5-wrist-rotation", space, out="laws")
     report = experiments.report("laws", by="orthogonal_max_deg", worst=1)
     worst = table.loc[table["orthogonal_max_deg"].idxmax()]
     assert report["worst"][0]["value"] == worst["orthogonal_max_deg"] and f"control.strategy={worst['control.strategy']}" in report["worst"][0]["command"]
     assert all(Path(f"laws/report.{kind}").stat().st_size > 10_000 for kind in ("svg", "png", "pdf"))
-    refused = experiments.sweep("short.toml", {"start.q_deg.5": [0, 500]})
+    refused = sweep("short.toml", {"start.q_deg.5": [0, 500]})
     assert experiments.lack(refused, {"start.q_deg.5": [0, 500]}) and not experiments.lack(table, space)
 
 

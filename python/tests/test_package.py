@@ -9,6 +9,7 @@ from pathlib import Path
 import armplane
 import numpy as np
 import pytest
+from armplane import Arm, Law
 from armplane.limited import Ended, limited
 from scipy.spatial.transform import Rotation
 
@@ -31,7 +32,7 @@ def test_a_new_user_has_a_first_verdict():
 )
 def test_a_law_gives_the_bits_of_the_process(name, by, q):
     """Near a singularity, with the inputs of the process `controller` in a steered run with sensor noise: the same torques and β at every tick."""
-    arm = armplane.Arm.builtin(name)
+    arm = Arm.builtin(name)
     n, p, twist = arm.dof, arm.at(q).pose[:3, 3], [0.08, 0.0, -0.02, 0.0, 0.3, 0.1]
     quaternion = np.roll(Rotation.from_matrix(arm.at(q).pose[:3, :3]).as_quat(), 1)
     text = lambda *parts: " ".join(repr(float(x)) for part in parts for x in part)
@@ -44,7 +45,7 @@ def test_a_law_gives_the_bits_of_the_process(name, by, q):
     Path(f"{name}.toml").write_text(text)
     run = armplane.run(f"{name}.toml", out=name)
     estimates, targets, torques, states = (run.messages(topic) for topic in ("estimate", "target", "torque", "control_state"))
-    law, engaged = armplane.Law(arm, q=q), 0
+    law, engaged = Law(arm, q=q), 0
     for tick in range(1500):
         target, estimate = targets[tick]["target"], estimates[tick]
         assert target["given_tick"] == tick == estimate["header"]["tick"]
@@ -59,10 +60,10 @@ def test_a_law_gives_the_bits_of_the_process(name, by, q):
 
 
 def test_a_number_is_refused_in_words_and_never_raises():
-    arm = armplane.Arm.builtin("puma560")
+    arm = Arm.builtin("puma560")
     q, zero, pose = np.array(arm.postures["nominal"]), np.zeros(6), arm.at(arm.postures["nominal"]).pose
     for i, bad in enumerate([np.nan, np.inf, -np.inf, 1e300]):
-        law, wrong = armplane.Law(arm), q.copy()
+        law, wrong = Law(arm), q.copy()
         assert not law.step(np.full(6, bad), zero).any() and law.state.refusal, "not begun: no torque"
         law.step(q, zero, pose)
         assert law.state.refusal == "" and law.state.phase == WIRE.PHASES[WIRE.PHASE_RUNNING]
@@ -75,12 +76,12 @@ def test_a_number_is_refused_in_words_and_never_raises():
         law.reset()
         law.step(q, zero, pose)
         assert law.state.refusal == ""
-    assert armplane.Arm.builtin("puma560").step_many(np.full((3, 6), np.nan))["count"].sum() == 0
+    assert Arm.builtin("puma560").step_many(np.full((3, 6), np.nan))["count"].sum() == 0
 
 
 def test_a_wrong_argument_is_named_with_what_is_expected():
-    arm, zero = armplane.Arm.builtin("iiwa14"), np.zeros(7)
-    law = armplane.Law(arm)
+    arm, zero = Arm.builtin("iiwa14"), np.zeros(7)
+    law = Law(arm)
     law.step_many(np.zeros((4, 7)), np.zeros((4, 7)))
     cases = [
         (lambda: law.step(zero[:5], zero), ["q ", "(5,)", "(7,)"]),
@@ -91,13 +92,13 @@ def test_a_wrong_argument_is_named_with_what_is_expected():
         (lambda: law.step(zero, zero, out=np.zeros(7, int)), ["out ", "float64", "(7,)"]),
         (lambda: law.step(zero, zero, out=np.zeros(14)[::2]), ["out ", "(7,)"]),
         (lambda: arm.step_many(zero), ["q ", "(7,)", "(N, 7)"]),
-        (lambda: armplane.Law(arm, dt=0.3), ["dt", "0.3"]),
-        (lambda: armplane.Law(arm, settings={"control.kp": 1}), ["kp", "k_p"]),
-        (lambda: armplane.Law(arm, q=zero + 9), ["joint", "9"]),
-        (lambda: armplane.Arm.builtin("iiwa"), ["iiwa", "iiwa14"]),
+        (lambda: Law(arm, dt=0.3), ["dt", "0.3"]),
+        (lambda: Law(arm, settings={"control.kp": 1}), ["kp", "k_p"]),
+        (lambda: Law(arm, q=zero + 9), ["joint", "9"]),
+        (lambda: Arm.builtin("iiwa"), ["iiwa", "iiwa14"]),
         (lambda: arm.at(["a"] * 7), ["q: ", "'a'"]),
         (lambda: arm.at(0.0), ["q ", "()", "(7,)"]),
-        (lambda: armplane.Arm.from_urdf("nothing.urdf"), ["nothing.urdf"]),
+        (lambda: Arm.from_urdf("nothing.urdf"), ["nothing.urdf"]),
     ]
     for call, words in cases:
         with pytest.raises(ValueError) as error:
@@ -105,7 +106,7 @@ def test_a_wrong_argument_is_named_with_what_is_expected():
         assert all(word in str(error.value) for word in words), error.value
     assert arm.step_many(np.zeros((0, 7))).shape == (0,)
     with pytest.raises(TypeError, match="MjModel"):
-        armplane.Arm.from_mujoco("arm.xml")
+        Arm.from_mujoco("arm.xml")
 
 
 URDF = """<robot name="two"><link name="base"/>
@@ -120,7 +121,7 @@ URDF = """<robot name="two"><link name="base"/>
 def test_a_urdf_that_lacks_something_is_refused_with_the_joint_and_the_remedy():
     def arm(text):
         Path("two.urdf").write_text(text)
-        return armplane.Arm.from_urdf("two.urdf", tip="tool0")
+        return Arm.from_urdf("two.urdf", tip="tool0")
 
     good = arm(URDF)
     assert (good.dof, good.tip, good.joints) == (2, "tool0", ["shoulder", "elbow"])
@@ -136,23 +137,23 @@ def test_a_urdf_that_lacks_something_is_refused_with_the_joint_and_the_remedy():
         (' velocity="4"', ["shoulder", "velocity"]),
     ]:
         with pytest.raises(ValueError) as error:
-            armplane.Law(arm(URDF.replace(without, "")))
+            Law(arm(URDF.replace(without, "")))
         assert all(word in str(error.value) for word in words), error.value
 
 
 def test_many_states_at_once_are_the_same_as_one_by_one():
     random, checked = np.random.default_rng(5), 0
     for name in ("puma560", "iiwa14", "panda"):
-        arm = armplane.Arm.builtin(name)
+        arm = Arm.builtin(name)
         N, n = 200, arm.dof
         q = random.uniform(np.maximum(arm.lower, -2.5), np.minimum(arm.upper, 2.5), (N, n))
         q[::2, {"puma560": 4}.get(name, 3)] = np.clip(0.0, arm.lower, arm.upper)[{"puma560": 4}.get(name, 3)]
         twist = random.normal(0, 0.2, (N, 6))
-        found, many = arm.step_many(q), armplane.Law(arm)
+        found, many = arm.step_many(q), Law(arm)
         tau = [many.step_many(q, q * 0, twist=twist) for _ in range(5)]
         assert np.isfinite(tau).all() and (np.abs(tau) <= arm.effort).all() and not many.refused.any()
         for row in range(0, N, 40):
-            alone = armplane.Law(arm)
+            alone = Law(arm)
             assert all((alone.step(q[row], q[row] * 0, twist=twist[row]) == tau[tick][row]).all() for tick in range(5))
             assert repr(alone.state) == repr(many.state_of(row))
             for one, place in zip(arm.singularities(q[row]), found[row]["singularities"]):
@@ -185,7 +186,7 @@ def test_a_function_is_ended_by_its_limits():
 
 
 def test_every_public_thing_has_words():
-    for kind in (armplane.Arm, armplane.Law, armplane.LawState, armplane.Posture, armplane.Singularity, armplane.Run):
+    for kind in (Arm, Law, armplane.LawState, armplane.Posture, armplane.Singularity, armplane.Run):
         for name in [name for name in vars(kind) if not name.startswith("_")]:
             assert getattr(kind, name).__doc__, f"{kind.__name__}.{name}"
 
@@ -198,7 +199,7 @@ def test_an_arm_in_mjcf_has_mujocos_numbers():
     mujoco = pytest.importorskip("mujoco")
     model = mujoco.MjModel.from_xml_path(str(ODD))
     data = mujoco.MjData(model)
-    arms = [armplane.Arm.from_mujoco(model, site="tip"), armplane.Arm.from_urdf(ODD, tip="tip")]
+    arms = [Arm.from_mujoco(model, site="tip"), Arm.from_urdf(ODD, tip="tip")]
     for arm in arms:
         assert any("'j1'" in note and "velocity" in note for note in arm.notes)
         assert list(arm.effort) == [24.0, 8.0, 18.0, 90.0, 3.0] and arm.joints == ["j1", "j2", "j3", "j4", "j5"]
@@ -228,7 +229,7 @@ def test_mjcf_has_included_files_meshes_with_their_mass_and_keys(tmp_path):
     (tmp_path / "assets/hand.obj").write_text(TETRAHEDRON)
     (tmp_path / "hand.xml").write_text(HAND)
     (tmp_path / "whole.xml").write_text('<mujoco><include file="hand.xml"/></mujoco>')
-    arm = armplane.Arm.from_urdf(tmp_path / "whole.xml")
+    arm = Arm.from_urdf(tmp_path / "whole.xml")
     # A tetrahedron of water, 0.2 by 0.1 by 0.3 m, and what is fixed to it.
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "whole.xml"))
     data = mujoco.MjData(model)

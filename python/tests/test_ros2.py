@@ -92,9 +92,6 @@ class Peer:
         self.process.stdin.flush()
         return eval(self.process.stdout.readline())
 
-    def send(self, topic, fields, seconds=0.0, hz=100):
-        return self.ask("send", topic, seconds, hz, fields)
-
     def stop(self, number=signal.SIGKILL):
         self.process.send_signal(number)
         self.process.wait()
@@ -112,6 +109,9 @@ class Face:
         command = [_program(), *words, "--out", str(folder / "run")]
         environment = {**os.environ, "ROS_DOMAIN_ID": str(self.domain)}
         self.process = subprocess.Popen(command, cwd=folder, env=environment, stdout=self.log, stderr=self.log)
+
+    def send(self, topic, fields, seconds=0.0, hz=100):
+        return self.peer.ask("send", topic, seconds, hz, fields)
 
     def messages(self, topic):
         """All that has come since the last call."""
@@ -151,7 +151,7 @@ class Face:
         """Sends a command until the fifth joint is there; its positions meanwhile."""
         found, end = [], monotonic() + 40
         while not (found and is_there(found[-1])):
-            self.peer.send(topic, fields, seconds=0.3, hz=500)
+            self.send(topic, fields, seconds=0.3, hz=500)
             found += [one.position[4] for one in self.messages("joint_states")]
             assert monotonic() < end, found[-1]
         return found
@@ -230,11 +230,11 @@ def test_twists_and_poses_lead_through_a_wrist_lock(store, tmp_path):
         for part in np.linspace(0, 1, 40):
             at, to = p + part * (goal - p), quaternion(rotation_exp(part * turn) @ rotation_of(y))
             pose = (None, "base_link"), (tuple(map(float, at)), (*map(float, to[1:]), float(to[0])))
-            face.peer.send(POSE, pose, seconds=0.05)
+            face.send(POSE, pose, seconds=0.05)
         face.push(POSE, pose, lambda wrist: abs(wrist - NEAR_LOCK[4]) < 1e-3)
         assert norm(face.hand()[0] - goal) < 1e-3 and abs(face.hand()[1] @ x) > 1 - 1e-5
         # A frame of a link, turned about the hand: the place stays.
-        face.peer.send(TWIST, twist([0, 0, 0], [0, 0, 0.5], frame="tool0"), seconds=0.5)
+        face.send(TWIST, twist([0, 0, 0], [0, 0, 0.5], frame="tool0"), seconds=0.5)
         assert norm(face.hand()[0] - goal) < 2e-3 and abs(face.hand()[1] @ x) < np.cos(0.08)
     assert "goal reached" in face.said() or "interrupted" in face.said(), face.said()
 
@@ -268,29 +268,29 @@ def test_only_timely_commands_that_can_be_followed_move_the_arm(store, tmp_path)
         ]
         for topic, fields, why in refused:
             # A sentence a second and topic is said; and on a busy machine a message may be lost.
-            is_said = lambda: face.peer.send(topic, fields) and re.search(rf"/{topic}: refused: .*{re.escape(why)}", face.said())
+            is_said = lambda: face.send(topic, fields) and re.search(rf"/{topic}: refused: .*{re.escape(why)}", face.said())
             assert wait(is_said, 20), (topic, fields, why, face.said()[-600:])
         # Servo's service: each of its three types is granted, another one is not.
         for command_type, success in ((1, True), (2, True), (9, False)):
-            face.peer.send("servo_node/switch_command_typeRequest", (7, command_type, command_type))
+            face.send("servo_node/switch_command_typeRequest", (7, command_type, command_type))
             reply = face.until("servo_node/switch_command_typeReply")
             assert (reply.client, reply.number, reply.success) == (7, command_type, success)
         # Bytes that are no message.
         for garbage in ("0001000001", "00010000" + "ff" * 40, "00010000" + "00" * 8 + "ffffff7f" + "41" * 60, "0007" + "ab" * 90, "0000" * 2000):
-            face.peer.send(TWIST, garbage, seconds=0.1)
+            face.send(TWIST, garbage, seconds=0.1)
         assert still()
         count = lambda one: sum(int(pair.value) for pair in one.status[0].values if pair.key.startswith("refused on"))
         assert face.until("diagnostics", lambda one: count(one) >= len(refused))
         # A wrong command ends a right one, a stream that stops ends by itself, and one from the future does not last longer.
         for end in (None, twist([0.05, 0, 0], frame="nowhere")):
             begin, _ = face.hand()
-            face.peer.send(TWIST, fine, seconds=0.5)
+            face.send(TWIST, fine, seconds=0.5)
             if end:
-                face.peer.send(TWIST, end)
+                face.send(TWIST, end)
             face.rests()
             assert 0.005 < face.hand()[0][0] - begin[0] < 0.04
         begin, _ = face.hand()
-        face.peer.send(TWIST, twist([0.05, 0, 0], stamp=(int(now()) + 100, 0)))
+        face.send(TWIST, twist([0.05, 0, 0], stamp=(int(now()) + 100, 0)))
         face.rests()
         assert face.hand()[0][0] - begin[0] < 0.015
 
@@ -300,16 +300,16 @@ def test_joints_jog_and_follow_a_table(store, tmp_path):
         face.until("joint_states")
         start = face.rests()
         # Without units, 1.0 is 0.5 rad/s.
-        face.peer.send(JOG, ((None, ""), ("elbow", "wrist_3"), (), (0.4, -0.2), 0.0), seconds=1.5, hz=50)
+        face.send(JOG, ((None, ""), ("elbow", "wrist_3"), (), (0.4, -0.2), 0.0), seconds=1.5, hz=50)
         moved = face.rests() - start
         assert 0.1 < moved[2] < 0.36 and abs(moved[5] + moved[2] / 2) < 0.02 and np.abs(moved[[0, 1, 3, 4]]).max() < 1e-3
         # The elbow's limit is π: all joints stand with 0.1 rad to it.
-        face.peer.send(JOG, ((None, ""), ("elbow", "wrist_3"), (), (1.0, 0.1), 0.0), seconds=4.5, hz=50)
+        face.send(JOG, ((None, ""), ("elbow", "wrist_3"), (), (1.0, 0.1), 0.0), seconds=4.5, hz=50)
         assert 0.08 < np.pi - face.rests()[2] < 0.13
         order = [3, 0, 5, 1, 4, 2]
         points = [(start, 4.0), (start + 0.2, 6.0), (start - [0.1, 0, 0.1, 0, 0.1, 0], 9.0)]
         rows = [(tuple(map(float, q[order])), (), (), (), (int(t), int(t % 1 * 1e9))) for q, t in points]
-        face.peer.send(PATH, (((0, 0), ""), tuple(JOINTS[i] for i in order), tuple(rows)))
+        face.send(PATH, (((0, 0), ""), tuple(JOINTS[i] for i in order), tuple(rows)))
         sent, passed = monotonic(), {}
         for q, t in points:
             time.sleep(max(0.0, sent + t + 0.05 - monotonic()))
@@ -317,9 +317,9 @@ def test_joints_jog_and_follow_a_table(store, tmp_path):
         assert passed[4.0] < 0.3 and passed[6.0] < 0.1, passed
         assert np.abs(face.rests() - points[-1][0]).max() < 2e-3
         # Without points, it ends at once.
-        face.peer.send(PATH, (((0, 0), ""), tuple(JOINTS), (((*map(float, start),), (), (), (), (5, 0)),)))
+        face.send(PATH, (((0, 0), ""), tuple(JOINTS), (((*map(float, start),), (), (), (), (5, 0)),)))
         time.sleep(1.0)
-        face.peer.send(PATH, (((0, 0), ""), (), ()))
+        face.send(PATH, (((0, 0), ""), (), ()))
         assert np.abs(face.rests() - start).max() > 0.02
 
 
@@ -328,7 +328,7 @@ def test_each_side_may_be_killed_and_stopped(mode, store, tmp_path):
     with _face(store, tmp_path, *_steered("--ros2=units,rate=500", "--mode", mode)) as face:
         face.until("joint_states")
         begin, _ = face.hand()
-        face.peer.send(TWIST, twist([0.05, 0, 0]), seconds=0.5)
+        face.send(TWIST, twist([0.05, 0, 0]), seconds=0.5)
         face.messages("robot_description")
         os.kill(face.pid(), signal.SIGKILL)
         # The next one says anew whom it shows.
@@ -336,7 +336,7 @@ def test_each_side_may_be_killed_and_stopped(mode, store, tmp_path):
         face.messages("joint_states")
         face.until("joint_states", lambda one: np.abs(one.velocity).max() < 0.05)
         wait(lambda: face.peer.ask("heard", TWIST) == 1, 15)
-        face.peer.send(TWIST, twist([0.05, 0, 0]), seconds=0.5)
+        face.send(TWIST, twist([0.05, 0, 0]), seconds=0.5)
         face.rests()
         assert 0.01 < face.hand()[0][0] - begin[0] < 0.08
         # A listener that stands still holds up nobody.
@@ -352,7 +352,7 @@ def test_each_side_may_be_killed_and_stopped(mode, store, tmp_path):
         face.peer = Peer(face.domain)
         face.until("joint_states")
         begin, _ = face.hand()
-        face.peer.send(TWIST, twist([-0.05, 0, 0]), seconds=0.5)
+        face.send(TWIST, twist([-0.05, 0, 0]), seconds=0.5)
         face.rests()
         assert -0.04 < face.hand()[0][0] - begin[0] < -0.005
         # The launcher's death ends everything.
