@@ -7,13 +7,8 @@
 
 from ..lazy import found
 
-_PLACES = {
-    "paper": ("figures",),
-    "reports": ("heat", "report"),
-    "studies": ("compare", "compare_plot", "race", "singular_lines", "steered"),
-    "sweeps": ("Range", "lack", "read", "sweep"),
-}
-__all__ = sum(_PLACES.values(), ())
+_PLACES = {"paper": "figures", "reports": "heat report", "studies": "compare compare_plot race singular_lines steered", "sweeps": "Range lack read sweep"}
+__all__ = " ".join(_PLACES.values()).split()
 
 
 def __getattr__(name):
