@@ -25,7 +25,7 @@ from scipy.spatial.transform import Rotation
 sys.path.append(str(pathlib.Path(__file__).resolve().parents[1] / "python/tests"))
 import incidents
 
-SPEEDS = (8.0, 4.0, 2.0)
+SPEEDS = (8, 4, 2)
 SAMPLES = 800
 
 
@@ -119,7 +119,7 @@ def trial(name, arm, time, start, keys):
         row = {"outcome": "refused", "reason": str(error), "s1": False}
     reached = row["outcome"] == "goal reached"
     outcome = "reached" if reached else "refused" if row.get("ticks", 0) < 50 else row["outcome"]
-    silent = reached and not row["position_max_mm"] < 1.0 + row["along_max_mm"]
+    silent = reached and not row["position_max_mm"] < 1 + row["along_max_mm"]
     return {"scenario": text, "outcome": outcome, "why": row["reason"], "s1": row.get("s1", False), "stretch": row.get("time_stretch"), "silent": silent}
 
 

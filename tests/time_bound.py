@@ -25,26 +25,26 @@ def run(scenario):
     """The row of a run, the clock of its route, s, and the joint path over it."""
     row, table = armplane.trial(scenario), armplane.trace(scenario).to_pandas()
     # The columns of the joints are in their order.
-    return row, np.append(0.0, np.cumsum(table["control.scale.time"][:-1])) * 1e-3, table.filter(like="joint.q.").to_numpy()
+    return row, np.append(0, np.cumsum(table["control.scale.time"][:-1])) * 1e-3, table.filter(like="joint.q.").to_numpy()
 
 
 def bound(arm, u, q):
     """The least time for a joint path, s."""
     # One coordinate more is the clock itself.
     path = toppra.SplineInterpolator(u, np.column_stack([q, u]))
-    speeds = np.append(np.minimum(SPEED * arm.velocity, 1e3), 1.0)
+    speeds = np.append(np.minimum(SPEED * arm.velocity, 1e3), 1)
     holding = np.append(TORQUE * np.asarray(arm.effort), 1e9)
 
     def torque(q, qdot, qddot):
         posture = arm.at(q[:-1], qdot[:-1])
-        return np.append(posture.A @ qddot[:-1] + posture.bias, 0.0)
+        return np.append(posture.A @ qddot[:-1] + posture.bias, 0)
 
     limits = [
         constraint.JointVelocityConstraint(np.column_stack([-speeds, speeds])),
         constraint.JointTorqueConstraint(torque, np.column_stack([-holding, holding]), np.zeros(len(holding)), constraint.DiscretizationType.Collocation),
     ]
     solver = algorithm.TOPPRA(limits, path, gridpoints=np.linspace(u[0], u[-1], 2 * POINTS), solver_wrapper="seidel")
-    for ends in (1.0, 0.8, 0.5, 0.2, 0.0):
+    for ends in (1, 0.8, 0.5, 0.2, 0):
         _, rates, _ = solver.compute_parameterization(ends, ends)
         if rates is not None and np.isfinite(rates).all():
             return float(np.sum(2 * np.diff(solver.gridpoints) / np.maximum(rates[1:] + rates[:-1], 1e-6)))

@@ -55,7 +55,7 @@ def main():
             row, is_reached = run(pressed(line["scenario"], random), settings)
             force, both = row.get("force") or NONE, is_free and is_reached
             is_met = force["rms_n"] <= 0.5 and force["tangential_max_mm"] <= 0.5 and force["lift_off_ticks"] == 0
-            is_silent = is_reached and (force["rms_n"] > 1.0 or force["lift_off_ticks"] > 0)
+            is_silent = is_reached and (force["rms_n"] > 1 or force["lift_off_ticks"] > 0)
             counts.update(wipes=1, free=is_free, reached=both, met=both and is_met, silent=is_silent)
             print(f"{name} {line['singularities']} {line['place']}: {row['outcome']}: {' '.join(f'{key} {force[key]:.3g}' for key in KEYS)}", flush=True)
     print("{wipes} wipes; {free} reach their goal without a force; {reached} of these with it; {met} of these within the bars; {silent} silent".format_map(counts))

@@ -111,10 +111,10 @@ class Viewer:
             timelines = [one["timelines"] for one in json.loads(state).get("recordings", [])] if state.startswith("{") else []
             if any(timelines) and timelines == before:
                 # Its notes about files and drivers are gone after some seconds.
-                time.sleep(6.0)
+                time.sleep(6)
                 return
             before = timelines
-            time.sleep(1.0)
+            time.sleep(1)
 
     def click(self, **what):
         """Presses the button of that label (`content_contains`) or at that place (`pos`)."""

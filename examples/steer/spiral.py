@@ -5,7 +5,7 @@ import math
 import armplane
 from armplane import wire
 
-TURN_S, GROWTH_M_S, LASTS_S = 2.0, 0.01, 8.0
+TURN_S, GROWTH_M_S, LASTS_S = 2, 0.01, 8
 
 
 class Spiral(armplane.Operator):

@@ -52,7 +52,7 @@ class Arm:
     def move_to(self, q, qdot=None):
         """Places the arm; the kinematics and the bias force are those of the new state."""
         self.data.qpos[:] = q
-        self.data.qvel[:] = 0.0 if qdot is None else qdot
+        self.data.qvel[:] = 0 if qdot is None else qdot
         mujoco.mj_forward(self.model, self.data)
 
     @property
@@ -126,10 +126,10 @@ def _pressing(surfaces, p, v):
         normal = way if radius else np.array(one["normal"], float)
         normal = normal / norm(normal)
         depth = radius - norm(way) if radius else -normal @ way
-        if depth > 0.0:
+        if depth > 0:
             inwards = -normal @ v
             sliding = v + inwards * normal
-            pressing = one["stiffness_n_m"] * depth * max(0.0, 1.0 + one["damping_s_m"] * inwards)
+            pressing = one["stiffness_n_m"] * depth * max(0, 1 + one["damping_s_m"] * inwards)
             force += pressing * (normal - sliding * one["friction"] / max(norm(sliding), _SLIDING))
             count += 1
     return count, force
@@ -162,11 +162,11 @@ class World:
         self._take_over_torques()
         self._take_off_forces(options["friction"])
         mass_factor = options["mass_factor"]
-        if mass_factor != 1.0:
+        if mass_factor != 1:
             m.body_mass[self.tree] *= mass_factor
             m.body_inertia[self.tree] *= mass_factor
             mujoco.mj_setConst(m, self.data)
-        dt = 1.0 / scenario["rate_hz"]
+        dt = 1 / scenario["rate_hz"]
         self.substeps = max(options["substeps"], math.ceil(dt / m.opt.timestep))
         m.opt.timestep = dt / self.substeps
         mujoco.mj_resetData(m, self.data)
@@ -211,7 +211,7 @@ class World:
             kind = "motor" if m.actuator_biastype[a] == 0 else "position" if bias[1] else "velocity" if bias[2] else "general"
             kinds[kind] = kinds.get(kind, 0) + 1
             m.actuator_gaintype[a] = m.actuator_biastype[a] = 0
-            m.actuator_gainprm[a] = m.actuator_biasprm[a] = 0.0
+            m.actuator_gainprm[a] = m.actuator_biasprm[a] = 0
             self._zero(("actuator_damping", "actuator_dampingpoly"), a)
         if kinds:
             self.said.append("torques in place of " + ", ".join(f"{count} {kind} actuators" for kind, count in kinds.items()))
@@ -221,7 +221,7 @@ class World:
         arrays = [getattr(self.model, name) for name in names if hasattr(self.model, name)]
         was_set = any(np.any(array[places]) for array in arrays)
         for array in arrays:
-            array[places] = 0.0
+            array[places] = 0
         return was_set
 
     def _take_off_forces(self, has_friction):
@@ -239,7 +239,7 @@ class World:
     def _compare_with_model(self):
         """Finds the robot's base in the scene, and how far the two arms differ."""
         m, d, arm = self.model, self.data, self.arm
-        lower, upper = (np.where(arm.model.jnt_limited, side, sign * 3.0) for side, sign in zip(arm.model.jnt_range.T, (-1, 1)))
+        lower, upper = (np.where(arm.model.jnt_limited, side, sign * 3) for side, sign in zip(arm.model.jnt_range.T, (-1, 1)))
         postures = [arm.start, *np.random.default_rng(0).uniform(lower, upper, (4, arm.n))]
         body, first = m.jnt_bodyid[self.joints[0]], arm.model.jnt_bodyid[0]
         bases, worst = [], np.zeros((2, arm.n))
@@ -293,7 +293,7 @@ class World:
             q = self.q
             for _ in range(self.substeps):
                 mujoco.mj_step(m, d)
-                d.qpos[self.qpos], d.qvel[self.dofs] = q, 0.0
+                d.qpos[self.qpos], d.qvel[self.dofs] = q, 0
         else:
             d.qfrc_applied[self.dofs] = tau
             if self.surfaces:
@@ -362,7 +362,7 @@ class MujocoPlant(Plant):
         arm = self.world.arm
         self.drive = Drive(arm.effort, arm.velocity, self.dt, plant["hold_ticks"], arm.bias().copy())
         bits = plant["encoder_bits"]
-        self.count = np.where(arm.turns, 2.0 * np.pi, 1.0) / 2**bits if bits else None
+        self.count = np.where(arm.turns, 2 * np.pi, 1) / 2**bits if bits else None
         print(self.world)
 
     def state(self):

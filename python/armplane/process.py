@@ -32,7 +32,7 @@ class Process:
 
     def __init__(self, joined):
         self.joined, self.now, self.job = joined, joined.now, joined.job
-        self.dof, self.dt = joined.now.dof, 1.0 / joined.now.rate_hz
+        self.dof, self.dt = joined.now.dof, 1 / joined.now.rate_hz
         self.lockstep, self.incarnation = joined.now.lockstep != 0, joined.now.incarnation
         self.topics = {**joined.inputs, **joined.outputs}
         self._given = {name: getattr(self, name) for name in self._GIVEN}

@@ -18,7 +18,7 @@ def locks(name):
     arm, random, found = incidents.Arm(*incidents.built_in(name)), np.random.default_rng(3), []
     while len(found) < 100:
         q = arm.singular_near(incidents.draw(arm, random, np.pi, 0.05), floor=1e-6)
-        if q is not None and arm.is_inside(q, 0.0):
+        if q is not None and arm.is_inside(q, 0):
             found.append(q)
     return found
 
@@ -59,7 +59,7 @@ def arms(name, count):
 def laws(name, count, batch=10_000, ticks=3):
     """Laws that begin in singular postures and are asked to move on at random: `ticks` ticks of each."""
     arm, random = armplane.Arm.builtin(name), np.random.default_rng(2)
-    law, (bad, over, refused, seconds, stepping) = armplane.Law(arm), (0, 0, 0, 0.0, 0.0)
+    law, (bad, over, refused, seconds, stepping) = armplane.Law(arm), (0, 0, 0, 0, 0)
     for _ in range(count // batch):
         q, qdot = singular(arm, batch, random), np.zeros((batch, arm.dof))
         twist = random.normal(0, 0.3, (batch, 6))
@@ -68,7 +68,7 @@ def laws(name, count, batch=10_000, ticks=3):
             begin = time.perf_counter()
             tau = law.step_many(q, qdot, twist=twist)
             seconds += time.perf_counter() - begin
-            stepping += time.perf_counter() - begin if tick else 0.0
+            stepping += time.perf_counter() - begin if tick else 0
             bad += int((~np.isfinite(tau)).sum())
             over += int((np.abs(tau) > arm.effort).sum())
         refused += int(law.refused.sum())

@@ -62,7 +62,7 @@ class Arm:
         moving = [joint for joint in chain if joint.get("type") != "fixed"]
         stated = lambda key: np.array([float(getattr(joint.find("limit"), "attrib", {}).get(key) or 0) for joint in moving])
         self.model = m = mujoco.MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode"))
-        self.dt, self.gains = DT, (900.0, 60.0)
+        self.dt, self.gains = DT, (900, 60)
         m.opt.timestep, m.opt.integrator = DT, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         m.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
         m.dof_armature[:] += 0.02
@@ -75,7 +75,7 @@ class Arm:
         reach = max(np.abs(self.J(np.zeros(self.n))[:3]).max(), 0.2)
         self.length, self.scale = reach / 2, np.r_[np.full(3, reach / 2), np.ones(3)]
         # A load at the hand that its shoulder cannot carry.
-        self.heavy = 1.2 * np.sort(self.effort)[-2] / reach if self.effort.max() < 1e6 else 0.0
+        self.heavy = 1.2 * np.sort(self.effort)[-2] / reach if self.effort.max() < 1e6 else 0
 
     def J(self, q):
         d, m = self.asked, self.model
@@ -140,7 +140,7 @@ class Drive:
         self.data.qpos[:] = q
         mujoco.mj_forward(arm.model, self.data)
         self.braking, self.delay, self.past, self.load, self.grip = False, 0, [], np.zeros(3), None
-        self.saturated, self.torque, self.rows = 0.0, np.zeros(arm.n), []
+        self.saturated, self.torque, self.rows = 0, np.zeros(arm.n), []
         if np.any(np.abs(self.data.qfrc_bias) > 0.6 * arm.effort):
             raise Rejected
 
@@ -158,7 +158,7 @@ class Drive:
         self.past.append((d.qpos.copy(), d.qvel.copy()))
         q, v = self.past[-1 - min(self.delay, len(self.past) - 1)]
         if self.braking:
-            torque = d.qfrc_bias - self.M() @ (12.0 * d.qvel)
+            torque = d.qfrc_bias - self.M() @ (12 * d.qvel)
         elif torque is None:
             torque = d.qfrc_bias + self.M() @ (self.gains[0] * (qc - q) + self.gains[1] * (vc - v))
         self.saturated += arm.dt * (np.abs(torque) > arm.effort).any()
@@ -166,7 +166,7 @@ class Drive:
         d.qfrc_applied[:] = self.torque
         d.xfrc_applied[arm.body, :3] = self.load
         if self.grip is not None:  # A post that the hand has run into.
-            d.xfrc_applied[arm.body, :3] += 2e4 * (self.grip - d.xpos[arm.body]) - 150.0 * (arm.J(d.qpos)[:3] @ d.qvel)
+            d.xfrc_applied[arm.body, :3] += 2e4 * (self.grip - d.xpos[arm.body]) - 150 * (arm.J(d.qpos)[:3] @ d.qvel)
         mujoco.mj_step(arm.model, d)
 
     def log(self, t, qc, vc, V=None, pose=None):
@@ -232,7 +232,7 @@ def approach(arm, rng):
     V = arm.J(near) @ (qdot / norm(qdot)) / arm.scale
     V = V - (V @ u) * u
     V = paced((V / max(norm(V), 1e-9) + rng.choice([-1, 1]) * rng.uniform(0.4, 1.5) * u) * arm.scale, rng.uniform(0.06, 0.2))
-    q, back = near.copy(), rng.uniform(0.8, 2.0)
+    q, back = near.copy(), rng.uniform(0.8, 2)
     for _ in range(int(back / 0.01)):
         q = q - 0.01 * arm.damped(q, V, 0.01)
         require(arm.is_inside(q, 0.1))
@@ -245,7 +245,7 @@ class Law:
 
     def __init__(self, name, arm, rng, q):
         self.name, self.arm, self.q, self.felt, self.bad = name, arm, q.copy(), None, 0
-        self.factor = float(rng.choice([0.02, 0.05, 0.1])) if name == "dls" else 0.0
+        self.factor = float(rng.choice([0.02, 0.05, 0.1])) if name == "dls" else 0
         self.p, self.R = arm.pose(q)
         self.hard = float(rng.uniform(25, 45))
 
@@ -267,15 +267,15 @@ class Law:
             # As MoveIt Servo: by the condition number, where the motion leads towards the singularity.
             condition, lower = np.linalg.cond(J), 0.6 * self.hard
             ahead = np.linalg.cond(arm.J(self.q + 0.005 * qdot / max(norm(qdot), 1e-9)))
-            factor = 1.0 if ahead <= condition or condition < lower else max(0.0, 1 - (condition - lower) / (self.hard - lower))
-            require(not (is_fast and factor == 1.0))
+            factor = 1 if ahead <= condition or condition < lower else max(0, 1 - (condition - lower) / (self.hard - lower))
+            require(not (is_fast and factor == 1))
             qdot, is_off, most = factor * qdot, factor < 0.02, np.inf
         elif self.name == "pinv fault":
             drive.braking |= is_off
             most = np.inf
         elif self.name == "inverse kinematics":
             most = 3 * arm.speed
-        self.feel(t, is_off, 0.0 if self.name == "pinv fault" else 0.06)
+        self.feel(t, is_off, 0 if self.name == "pinv fault" else 0.06)
         qdot = np.clip(qdot, -most, most)
         self.q = self.q + arm.dt * qdot
         return self.q, qdot
@@ -297,7 +297,7 @@ def singular_incident(arm, rng, law):
     q0, V, back = approach(arm, rng)
     law = Law(law, arm, rng, q0)
     drive, p, R = Drive(arm, q0), law.p.copy(), law.R.copy()
-    for k in range(int((back + rng.uniform(1.0, 2.5)) / arm.dt)):
+    for k in range(int((back + rng.uniform(1, 2.5)) / arm.dt)):
         t, asked = k * arm.dt, V * quintic(k * arm.dt / 0.3)[0]
         p, R = p + arm.dt * asked[:3], Rotation.from_rotvec(arm.dt * asked[3:]).as_matrix() @ R
         qc = vc = None
@@ -317,7 +317,7 @@ class Base:
     """The motion of an arm when something else happens: a joint trajectory, or a twist far from (or beside) a singular posture."""
 
     def __init__(self, arm, rng, mode, decoy, fraction):
-        self.arm, self.mode, self.fraction, self.time = arm, mode, fraction, 3.0
+        self.arm, self.mode, self.fraction, self.time = arm, mode, fraction, 3
         if mode == "joints":
             middle = draw_singular(arm, rng) if decoy else draw_regular(arm, rng)
             span = np.minimum(arm.upper, middle + 0.9) - np.maximum(arm.lower, middle - 0.9)
@@ -383,9 +383,9 @@ def other_incident(arm, rng, cause, mode, decoy):
             elif cause == "unknown" and felt is None:
                 felt, drive.braking, drive.grip = t, kind == 0, drive.data.xpos[arm.body].copy() if kind else None
             elif cause == "oscillation":
-                drive.gains, drive.delay = (6000.0, 60.0), round(0.012 / dt)
+                drive.gains, drive.delay = (6000, 60), round(0.012 / dt)
             elif cause == "torque limit":
-                drive.load = np.array([0, 0, -1.0]) * arm.heavy * quintic((t - begin) / 0.6)[0]
+                drive.load = np.array([0, 0, -1]) * arm.heavy * quintic((t - begin) / 0.6)[0]
         told = qc = qc + offset
         is_over = False
         if cause == "speed limit":
@@ -409,7 +409,7 @@ def other_incident(arm, rng, cause, mode, decoy):
         require(cause == "joint limit" or arm.is_inside(drive.q, 0.02 - 1e-12))
         require(cause in ("torque limit", "oscillation") or drive.saturated <= 0.02 or felt is not None and cause not in ("none", "speed limit"))
     require(cause == "none" or felt is not None and felt <= drive.rows[-1]["t"] - 0.25)
-    return drive.rows, felt or 0.0
+    return drive.rows, felt or 0
 
 
 def log_rows(arm, rows, rng, rate):
@@ -517,7 +517,7 @@ def incident(seed, rows, folder):
     decoy = decoy and not (cause == "speed limit" and mode == "twist")
     rate, style = int(rng.choice([50, 100, 125, 250, 500, 1000])), STYLES[rng.integers(len(STYLES))]
     arm.dt = arm.model.opt.timestep = 0.001 if rate == 1000 else DT
-    arm.gains = [(900.0, 60.0), (400.0, 40.0), (150.0, 24.0)][rng.integers(3)]
+    arm.gains = [(900, 60), (400, 40), (150, 24)][rng.integers(3)]
     if cause == "torque limit" and not arm.heavy or cause == "joint limit" and not (arm.upper < 50).any():
         cause = "jump in the command"
     for _ in range(400):
@@ -529,7 +529,7 @@ def incident(seed, rows, folder):
     else:
         return None
     # A logger that runs before the arm does, at stamps that are not quite even, and a twist in the axes of the hand.
-    idle = int(rng.choice([0, 0, rng.uniform(0.3, 1.0)]) / arm.dt)
+    idle = int(rng.choice([0, 0, rng.uniform(0.3, 1)]) / arm.dt)
     steps = [{**steps[0], "qdot": 0 * steps[0]["qdot"], "t": k * arm.dt} for k in range(idle)] + [{**one, "t": one["t"] + idle * arm.dt} for one in steps]
     log = log_rows(arm, steps, rng, rate)
     log["t"] = log["t"] + rng.uniform(-0.1, 0.1, len(log["t"])) / rate
@@ -553,7 +553,7 @@ def off_deg(arm, t, q, first):
     """Angle of a stated ζ to the true one, degrees; 90 where a rotation is stated for a translation, or the other way round."""
     is_turn = int(norm(first["zeta"][:3]) < 0.5)
     true = arm.zeta(q[np.argmin(np.abs(t - t[0] - first["t_nearest"]))])[is_turn]
-    return 90.0 if true is None else float(np.degrees(np.arccos(min(1.0, abs(np.reshape(first["zeta"], (2, 3))[is_turn] @ true)))))
+    return 90 if true is None else float(np.degrees(np.arccos(min(1, abs(np.reshape(first["zeta"], (2, 3))[is_turn] @ true)))))
 
 
 def main():

@@ -84,23 +84,23 @@ def task(tmp_path):
 def test_the_reference_is_that_of_the_law(tmp_path):
     run = armplane.run("ur5-wrist", out=tmp_path / "run")
     states, estimates, reports = (run.messages(topic) for topic in ("control_state", "estimate", "singularity"))
-    reference, came, worst = armplane.Reference((run.folder / "job.json").read_text()), 0.0, 0.0
+    reference, came, worst = armplane.Reference((run.folder / "job.json").read_text()), 0, 0
     for state, estimate, report in zip(states, estimates, reports):
-        by = max(state["path_time_s"] - came, 0.0)
+        by = max(state["path_time_s"] - came, 0)
         came += by
         reference.advance(by, 1.0, estimate["q"][:6], estimate["qdot"][:6], report.tobytes())
         worst = max(worst, np.abs(reference.pose[:3, 3] - state["p_BE_d"]).max())
         worst = max(worst, np.abs(reference.pose[:3, :3].T.flatten() - state["R_BE_d"]).max())
     assert reference.done and reference.leg > 2 and worst < 1e-9
     with pytest.raises(ValueError):
-        reference.advance(-1.0, 1.0, np.zeros(6), np.zeros(6), reports[0].tobytes())
+        reference.advance(-1, 1, np.zeros(6), np.zeros(6), reports[0].tobytes())
 
 
 def test_a_home_made_opponent_enters_the_table_with_the_same_bytes_twice(tmp_path, task):
     (tmp_path / "mine.py").write_text(HOME_MADE)
     laws = compare(tmp_path / "a", task, "--law", f"blended,mine={tmp_path / 'mine.py'}")
     assert [law["law"] for law in laws] == ["blended", "mine"]
-    assert laws[1]["s1"] and laws[1]["completed"] and laws[1]["orthogonal_max_mm"] < 1.0
+    assert laws[1]["s1"] and laws[1]["completed"] and laws[1]["orthogonal_max_mm"] < 1
     assert compare(tmp_path / "b", task, "--law", f"mine={tmp_path / 'mine.py'}")[0]["hash"] == laws[1]["hash"]
 
 
@@ -173,7 +173,7 @@ def test_the_arena_runs_continues_and_repeats_itself(tmp_path):
     rows = rows_of(tmp_path / "a")
     assert len(rows) == 8 and {row["law"] for row in rows} == {"armplane", "mine"}
     # A machine at its limits may end a law before it has said what it took.
-    assert {row["law"] for row in rows if row.get("median_us", 0.0) > 0} == {"armplane", "mine"}
+    assert {row["law"] for row in rows if row.get("median_us", 0) > 0} == {"armplane", "mine"}
     digest = lambda done: done.stdout.split("hash ")[1].split(";")[0]
     # Continued, nothing is run again; in another folder, everything is, to the same bits.
     half = (tmp_path / "a/rows.jsonl").read_text().splitlines(keepends=True)
@@ -229,7 +229,7 @@ def test_the_arm_is_the_same_in_pinocchio(tmp_path):
         assert np.abs(np.triu(data.M) - np.triu(arm.A(q))).max() < 1e-10
         arm.move_to(q, qdot)
         assert np.abs(data.nle - arm.bias()).max() < 1e-10
-    assert model.nq == 3 and model.upperPositionLimit[1] == 2.0 and model.velocityLimit[0] == 3.0
+    assert model.nq == 3 and model.upperPositionLimit[1] == 2 and model.velocityLimit[0] == 3
 
 
 _BODY = (

@@ -21,7 +21,7 @@ def arm(tmp_path_factory):
     text = re.sub('effort="[^"]*" velocity="[^"]*"', 'effort="0" velocity="2"', re.sub("(?s)<inertial>.*?</inertial>", "", text))
     path.write_text(text)
     made = incidents.Arm("bare", "tool0", path)
-    made.effort[:] = [80.0, 80.0, 60.0, 15.0, 10.0, 6.0]
+    made.effort[:] = [80, 80, 60, 15, 10, 6]
     return made, str(path)
 
 

@@ -190,7 +190,7 @@ def test_studies_are_tables_and_pictures():
     assert table["orientation_max_deg"].is_monotonic_increasing and Path("laws.png").exists() and Path("race.svg").exists()
     lines = experiments.singular_lines("ur5", 1)
     assert lines["s2"].all() and lines["line"].tolist() == [1, 2, 3]
-    steered = experiments.steered(["ur5"], seeds=[1], seconds=5.0)
+    steered = experiments.steered(["ur5"], seeds=[1], seconds=5)
     assert steered["kept"].all() and steered["speed_max_ratio"].between(0.01, 1).all() and steered["orthogonal_max_mm"].between(1e-3, 0.5).all()
 
 

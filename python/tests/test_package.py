@@ -67,7 +67,7 @@ def test_a_number_is_refused_in_words_and_never_raises():
         assert not law.step(np.full(6, bad), zero).any() and law.state.refusal, "not begun: no torque"
         law.step(q, zero, pose)
         assert law.state.refusal == "" and law.state.phase == WIRE.PHASES[WIRE.PHASE_RUNNING]
-        law.step(q, zero, np.where(pose == 0, 0.0, bad))
+        law.step(q, zero, np.where(pose == 0, 0, bad))
         assert law.state.targets_refused == 1 and law.state.target_refusal and law.state.refusal == ""
         wrong[i] = bad
         for _ in range(300):
@@ -125,11 +125,11 @@ def test_a_urdf_that_lacks_something_is_refused_with_the_joint_and_the_remedy():
 
     good = arm(URDF)
     assert (good.dof, good.tip, good.joints) == (2, "tool0", ["shoulder", "elbow"])
-    assert any(one.inside for one in good.singularities([0.3, 0.0])) and not any(one.inside for one in good.singularities([0.3, 1.0]))
+    assert any(one.inside for one in good.singularities([0.3, 0])) and not any(one.inside for one in good.singularities([0.3, 1]))
     inertia = URDF[URDF.index('<inertial><origin xyz="0.2 0 0"/><mass value="1"') : URDF.index('</link>\n<link name="tool0"/>')]
     # Kinematics needs neither masses nor limits, the law all of them.
     bare = arm(URDF.replace(inertia, ""))
-    assert np.isnan(bare.at([0.3, 0.0]).A).any() and any(one.inside for one in bare.singularities([0.3, 0.0]))
+    assert np.isnan(bare.at([0.3, 0]).A).any() and any(one.inside for one in bare.singularities([0.3, 0]))
     for without, words in [
         (inertia, "fore|<inertial>"),
         ('<limit lower="-2" upper="2" effort="20" velocity="4"/>', "elbow|lower|velocity"),
@@ -147,7 +147,7 @@ def test_many_states_at_once_are_the_same_as_one_by_one():
         arm = Arm.builtin(name)
         N, n = 200, arm.dof
         q = random.uniform(np.maximum(arm.lower, -2.5), np.minimum(arm.upper, 2.5), (N, n))
-        q[::2, {"puma560": 4}.get(name, 3)] = np.clip(0.0, arm.lower, arm.upper)[{"puma560": 4}.get(name, 3)]
+        q[::2, {"puma560": 4}.get(name, 3)] = np.clip(0, arm.lower, arm.upper)[{"puma560": 4}.get(name, 3)]
         twist = random.normal(0, 0.2, (N, 6))
         found, many = arm.step_many(q), Law(arm)
         tau = [many.step_many(q, q * 0, twist=twist) for _ in range(5)]
@@ -202,7 +202,7 @@ def test_an_arm_in_mjcf_has_mujocos_numbers():
     arms = [Arm.from_mujoco(model, site="tip"), Arm.from_urdf(ODD, tip="tip")]
     for arm in arms:
         assert any("'j1'" in note and "velocity" in note for note in arm.notes)
-        assert list(arm.effort) == [24.0, 8.0, 18.0, 90.0, 3.0] and arm.joints == ["j1", "j2", "j3", "j4", "j5"]
+        assert list(arm.effort) == [24, 8, 18, 90, 3] and arm.joints == ["j1", "j2", "j3", "j4", "j5"]
     random = np.random.default_rng(1)
     for _ in range(100):
         data.qpos[:], data.qvel[:] = random.uniform(-1, 1, 5), random.normal(size=5)

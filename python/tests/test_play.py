@@ -466,9 +466,9 @@ def test_the_camera_follows_hand_and_ball_but_no_person(aspect):
     from armplane.play import scene
 
     one = object.__new__(scene.Scene)
-    one.robot, one.sent, one.gaze = SimpleNamespace(reach=1.0), {}, {}
+    one.robot, one.sent, one.gaze = SimpleNamespace(reach=1), {}, {}
     low, high = scene.ABOVE if aspect < 1 else scene.BESIDE
-    gaze = np.array([1.0, 2.0, -0.8])
+    gaze = np.array([1, 2, -0.8])
     camera = SimpleNamespace(aspect=aspect, fov=FOV, position=-1.5 * gaze, look_at=-0.5 * gaze)
     client = SimpleNamespace(client_id=1, camera=camera)
     one.take(1, camera.position, gaze)

@@ -53,7 +53,7 @@ def test_frames_are_those_of_the_urdf(tmp_path):
     more = link("camera", "forearm_link", "0.1 0.2 0.3", "0.4 0.5 0.6") + link("pen", "tool0", "0 0 0.1", "0 0.3 0")
     job = _job_of("ur5", tmp_path)
     job["robot"]["urdf"] = job["robot"]["urdf"].replace("</robot>", more + "</robot>")
-    frames, q = Frames(Robot(job)), np.array([0.3, -1.2, 1.6, -1.0, 0.9, 0.2])
+    frames, q = Frames(Robot(job)), np.array([0.3, -1.2, 1.6, -1, 0.9, 0.2])
     offset = lambda xyz, rpy: RigidTransform.from_components(xyz, Rotation.from_euler("xyz", rpy)).as_matrix()
     at = armplane.Arm.builtin("ur5").at(q)
     for name, pose in {
@@ -64,7 +64,7 @@ def test_frames_are_those_of_the_urdf(tmp_path):
     }.items():
         assert np.abs(frames.pose(name, q) - pose).max() < 1e-9, name
     assert frames.base == "base_link"
-    R = rotation_exp(np.array([0.3, -2.0, 1.0]))
+    R = rotation_exp(np.array([0.3, -2, 1]))
     assert np.abs(rotation_of(quaternion(R)) - R).max() < 1e-9
     with pytest.raises(ValueError, match="frame_id"):
         frames.pose("nowhere", q)
@@ -307,18 +307,18 @@ def test_joints_jog_and_follow_a_table(store, tmp_path):
         face.send(JOG, ((None, ""), ("elbow", "wrist_3"), (), (1.0, 0.1), 0.0), seconds=4.5, hz=50)
         assert 0.08 < np.pi - face.rests()[2] < 0.13
         order = [3, 0, 5, 1, 4, 2]
-        points = [(start, 4.0), (start + 0.2, 6.0), (start - [0.1, 0, 0.1, 0, 0.1, 0], 9.0)]
+        points = [(start, 4), (start + 0.2, 6), (start - [0.1, 0, 0.1, 0, 0.1, 0], 9)]
         rows = [(tuple(map(float, q[order])), (), (), (), (int(t), int(t % 1 * 1e9))) for q, t in points]
         face.send(PATH, (((0, 0), ""), tuple(JOINTS[i] for i in order), tuple(rows)))
         sent, passed = monotonic(), {}
         for q, t in points:
-            time.sleep(max(0.0, sent + t + 0.05 - monotonic()))
+            time.sleep(max(0, sent + t + 0.05 - monotonic()))
             passed[t] = np.abs(face.q() - q).max()
-        assert passed[4.0] < 0.3 and passed[6.0] < 0.1, passed
+        assert passed[4] < 0.3 and passed[6] < 0.1, passed
         assert np.abs(face.rests() - points[-1][0]).max() < 2e-3
         # Without points, it ends at once.
         face.send(PATH, (((0, 0), ""), tuple(JOINTS), (((*map(float, start),), (), (), (), (5, 0)),)))
-        time.sleep(1.0)
+        time.sleep(1)
         face.send(PATH, (((0, 0), ""), (), ()))
         assert np.abs(face.rests() - start).max() > 0.02
 

@@ -31,7 +31,7 @@ ARMS = ["puma560", "ur5", "panda"]
 TURNS = 5
 OURS = ["cargo", "run", "--release", "--locked", "--quiet", f"--manifest-path={ROOT / 'services/model/Cargo.toml'}", "--example", "terms", "--"]
 # Ours, pinocchio's, and the goal for ours over pinocchio's.
-PAIRS = {"A, bias and J in one pass": ("computeAllTerms", 0.25), "mass matrix": ("crba", 1.0), "inverse dynamics": ("rnea", 1.0)}
+PAIRS = {"A, bias and J in one pass": ("computeAllTerms", 0.25), "mass matrix": ("crba", 1), "inverse dynamics": ("rnea", 1)}
 # Lists of the 30 kinds of joint are longer than the headers of Boost's metaprogramming library are prepared for.
 DEFINES = ["BOOST_MPL_LIMIT_LIST_SIZE=30", "BOOST_MPL_LIMIT_VECTOR_SIZE=30", "BOOST_MPL_CFG_NO_PREPROCESSED_HEADERS", "BOOST_FUSION_INVOKE_MAX_ARITY=12"]
 
@@ -76,7 +76,7 @@ def output(*command):
 
 def check_same_arm(armplane, model, name):
     """Both programs mean the same arm: its mass matrix in a posture is equal to 1e-9."""
-    degrees = [10.0, -20.0, 30.0, -40.0, 50.0, 60.0, 70.0][: model.nv]
+    degrees = [10, -20, 30, -40, 50, 60, 70][: model.nv]
     ours = json.loads(output(armplane, "inspect", "--robot", name, "--q-deg=" + ",".join(map(str, degrees)), "--json"))["A"]
     worst = numpy.abs(numpy.triu(ours - pin.crba(model, model.createData(), numpy.radians(degrees)))).max()
     if worst > 1e-9:

@@ -163,7 +163,7 @@ class End(threading.Thread):
             self.kept = (self.kept + part)[-self.KEPT :]
 
     def text(self):
-        self.join(1.0)
+        self.join(1)
         return self.kept.decode(errors="replace")
 
 

@@ -79,7 +79,7 @@ class Arm(plant.Arm):
 
         model = pinocchio.buildModelFromXML(self.urdf())
         model.armature[:] = self.armature
-        model.rotorInertia[:] = 0.0
+        model.rotorInertia[:] = 0
         model.gravity.linear[:] = self.model.opt.gravity
         return model
 

@@ -59,9 +59,9 @@ class Host(armplane.Controller):
         n = self.dof
         q, qdot = np.array(estimate.q[:n]), np.array(estimate.qdot[:n])
         left = self.path.duration_s - self.path.time_s
-        by = self.rate * self.dt if tick else 0.0
+        by = self.rate * self.dt if tick else 0
         # The last tick of the path ends on it.
-        self.path.advance(max(left, 0.0) if left < by + 1e-9 else by, self.rate, q, qdot, bytes(singularity))
+        self.path.advance(max(left, 0) if left < by + 1e-9 else by, self.rate, q, qdot, bytes(singularity))
         if self.ended is None and (self.path.done or tick * self.dt > PATIENCE * self.path.duration_s):
             self.ended = tick
         ref = Reference(self.path.pose, self.path.twist, self.path.acceleration, self.path.leg, self.path.done)
@@ -70,14 +70,14 @@ class Host(armplane.Controller):
         self.times.append(time.perf_counter_ns() - began)
         if not np.all(np.isfinite(tau)):
             raise ValueError(f"{type(self.law).__name__} gives a torque that is no number at tick {tick}")
-        self.rate = float(np.clip(self.law.rate, 0.0, 1.0))
+        self.rate = float(np.clip(self.law.rate, 0, 1))
         state.path_time_s, state.segment = min(self.path.time_s, self.path.duration_s), ref.leg
         self._answer(tick, tau, ref, state, torque)
 
     def _answer(self, tick, tau, ref, state, torque):
         effort, n = self.law.arm.effort, self.dof
         torque.tau[:n], torque.saturation_mask = np.clip(tau, -effort, effort), mask(np.abs(tau) > effort)
-        settled = 0.0 if self.ended is None else (tick - self.ended) * self.dt
+        settled = 0 if self.ended is None else (tick - self.ended) * self.dt
         torque.phase = wire.PHASE_RUNNING if self.ended is None else wire.PHASE_SETTLING if settled < self.settle else wire.PHASE_DONE
         state.p_BE_d[:], state.R_BE_d[:], state.V_BE_d[:] = ref.p, ref.R.T.flatten(), ref.V
         state.time_scale, state.null_scale, state.task_scale, state.beta[:] = self.rate, 1.0, 1.0, [1.0] * 4

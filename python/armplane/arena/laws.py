@@ -77,7 +77,7 @@ class Velocity(Law):
 
     def follow(self, q, qdot, wanted):
         """The servo's torques for joint velocities; N·m."""
-        qddot = (wanted - self.qdot_d) / self.dt if self.feed_forward else 0.0
+        qddot = (wanted - self.qdot_d) / self.dt if self.feed_forward else 0
         self.arm.move_to(q, qdot)
         tau = self.arm.mass_matrix() @ (qddot + self.k_p * (self.q_d - q) + self.k_v * (wanted - qdot)) + self.arm.bias()
         self.q_d, self.qdot_d = self.q_d + self.dt * wanted, wanted
@@ -85,9 +85,9 @@ class Velocity(Law):
 
     def _slowed(self, wanted):
         """The velocities within the limits, and the clock at the rate at which they suffice."""
-        excess = np.max(np.abs(wanted) / ((1 - _FREE) * self.arm.velocity), initial=0.0)
-        self.rate = min(self.rate / max(excess, 1e-9), self.rate + _RISE * self.dt, 1.0)
-        return wanted / max(excess, 1.0)
+        excess = np.max(np.abs(wanted) / ((1 - _FREE) * self.arm.velocity), initial=0)
+        self.rate = min(self.rate / max(excess, 1e-9), self.rate + _RISE * self.dt, 1)
+        return wanted / max(excess, 1)
 
 
 class Position(Velocity):

@@ -17,7 +17,7 @@ SHARE, ACCELERATION = 0.3, 2.0
 
 
 def _within(values, most):
-    return values * min(1.0, most / max(float(np.linalg.norm(values)), 1e-12))
+    return values * min(1, most / max(float(np.linalg.norm(values)), 1e-12))
 
 
 class Steered(Host):

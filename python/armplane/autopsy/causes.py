@@ -140,7 +140,7 @@ def oscillation(log, m):
     """A joint that swings to and fro at 2 Hz or more, several times, and more than before."""
     width = max(3, int(0.5 / m.dt))
     # Uneven stamps make speeds swing, too.
-    jitter = 0.0 if log["qdot"] is not None else np.median(np.abs(np.diff(m.t) - m.dt)) / m.dt
+    jitter = 0 if log["qdot"] is not None else np.median(np.abs(np.diff(m.t) - m.dt)) / m.dt
     fast, size = m.v - smooth(m.v, max(3, int(0.16 / m.dt))), np.abs(m.v)
     power, turns = np.sqrt(np.maximum(smooth(fast**2, width), 0)), np.zeros_like(fast)
     for j in range(m.robot.dof):
@@ -238,7 +238,7 @@ def _amplified(m):
     growth = lambda size: size / np.maximum(size[back], 0.1 * np.quantile(size, 0.9))
     share = np.abs(np.sum(m.null * v, axis=1)) / np.maximum(joint, 1e-9)
     grown = (growth(joint) > 2.2) & (growth(norm(V)) < 1.4) & (joint > 0.5 * joint.max()) & (back > 0)
-    if hit := long_run(grown & (m.sigma < 0.4 * m.usual) & (share > 0.75), m.t_k, 0.0):
+    if hit := long_run(grown & (m.sigma < 0.4 * m.usual) & (share > 0.75), m.t_k, 0):
         yield _evidence(m, *hit, 0.82, None, joint[slice(*hit)].max(), _null_speed(m, np.inf), "joint motion")
 
 
@@ -337,7 +337,7 @@ def jumps(m):
     """A velocity that changes within 20 ms by a large part of what the joint can do."""
     reach = max(1, round(0.012 / m.dt))
     change = np.abs(slope(np.arange(len(m.t), dtype=float), m.v, reach)) * 2 * reach
-    odd = change / np.where(np.isfinite(m.robot.velocity), m.robot.velocity, np.maximum(2.0, 2 * np.quantile(np.abs(m.v), 0.95, axis=0)))
+    odd = change / np.where(np.isfinite(m.robot.velocity), m.robot.velocity, np.maximum(2, 2 * np.quantile(np.abs(m.v), 0.95, axis=0)))
     k, j = np.unravel_index(np.argmax(odd), odd.shape)
     if odd[k, j] > max(0.3, 6 * np.quantile(odd[:, j], 0.8)):
         first = np.argmax(odd[:, j] > 0.6 * odd[k, j])
@@ -407,7 +407,7 @@ _AFTER = {"torque limit": 0.5, "speed limit": 0.03, GAP: 0.08, JUMP: 0.08, "osci
 def _fits_time(one, seen):
     """How well a cause goes before what is seen: 1 where it begins at most a second before the first effect, and not after it."""
     if not seen or one.what == "NaN":
-        return 1.0
+        return 1
     from_outside = one.what in (GAP, JUMP)
     # An oscillation is seen by a window that reaches before it.
     first = min([effect.t for effect in seen if effect.what != "shook" or not from_outside] or [seen[0].t])
@@ -415,4 +415,4 @@ def _fits_time(one, seen):
     pushes = one.what == "torque limit" and any(effect.what == "stopped" and effect.t < one.t - 0.03 for effect in seen)
     if pushes or one.t >= first + _AFTER.get(one.what, 0.25):
         return 0.6 if from_outside else 0.35
-    return 1.0 if first - one.data.get("until", one.t) < (0.6 if from_outside else 0.8) else 0.6
+    return 1 if first - one.data.get("until", one.t) < (0.6 if from_outside else 0.8) else 0.6

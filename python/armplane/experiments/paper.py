@@ -119,7 +119,7 @@ def null_space(path, *pair):
     ]
     subtitle = "planar arm of three joints: the null space swings in an attractive potential while the tip should stand still; above, half a swing (later is darker)"
     title = "Figures 1 and 2: null-space motion, and its effect on the tip"
-    with page(path, title, subtitle, notes, [(3.6, 2), (2.2, 2), (2.0, 2)]) as (arms, below, angles):
+    with page(path, title, subtitle, notes, [(3.6, 2), (2.2, 2), (2, 2)]) as (arms, below, angles):
         for number, run, name, colour, arm, axes in zip((1, 2), pair, names, colours, arms, angles):
             undistorted(arm, f"Figure {number}: {name}")
             postures(arm, run.seen(0, SWING_S, X, Y))
@@ -137,7 +137,7 @@ def three_locks(path, runs):
     """Chang & Khatib 1995, Figure 3. Each lock with its ζ, the lines that fall together, and the hand's lost motion."""
     numbers, notes = {}, []
     title, subtitle = "Figure 3: the singularities of a PUMA 560, and the direction ζ that each takes", "postures of three runs where the arm is most singular; dashed: the lines that fall together"
-    with page(path, title, subtitle, notes, [(3.0, 3)]) as (row,):
+    with page(path, title, subtitle, notes, [(3, 3)]) as (row,):
         for axes, (name, run) in zip(row, runs.items()):
             i, (cannot, line, why, in_paper) = np.argmin(np.abs(run.s(name))), LOCKS[name]
             zeta, s, t = run.zeta(name)[i], run.s(name)[i], run.t[i]
@@ -225,7 +225,7 @@ def wrist_lock(path, run):
         f"Largest errors: position {digits(numbers['position_max_mm'])} mm, orientation {digits(numbers['orientation_max_deg'])}°.",
     ]
     subtitle = "PUMA 560: joints 4 and 6 turn the singular direction ζ while the hand stands still; then the hand rotates about it"
-    with page(path, "Figure 5: wrist lock", subtitle, notes, [(2.9, 3), (2.2, 2), (2.0, 2)]) as ((null, arm, turn), (angles, rates), errors):
+    with page(path, "Figure 5: wrist lock", subtitle, notes, [(2.9, 3), (2.2, 2), (2, 2)]) as ((null, arm, turn), (angles, rates), errors):
         undistorted(null, "null motion, seen along axis 6", hidden=True)
         for vector, size, colour, name in ((zeta, 1.15, pink, "ζ (later is darker)"), (run.R[:, :, 0], 0.6, BLUE, "the hand's x axis")):
             postures(null, [np.outer([-size, size], vector[i] @ run.R[0][:, :2]) for i in run.moments(0, change)], colour)

@@ -81,4 +81,4 @@ def _line(head, *values):
 
 def _slowed(way, most):
     """The speed with which a way is gone: in proportion to it, at most `most`."""
-    return way * min(8.0, most / max(float(np.linalg.norm(way)), 1e-9))
+    return way * min(8, most / max(float(np.linalg.norm(way)), 1e-9))

@@ -25,13 +25,13 @@ from .session import FILES, Session
 
 RATE_HZ = 40
 # So long nobody touches the page before the arm goes on tour, s.
-PATIENCE_S = 15.0
+PATIENCE_S = 15
 # A longer run ends as soon as nobody has a hand on it, s: its recording grows by 2 MB a second.
 FULL_S = 120
 # Whoever steers may pause so long, s.
 KEEPS_S = 10
 # Ends of the slider, m/s; and no hand is dragged further, m.
-SPEEDS, FARTHEST_M = (0.05, 0.5), 100.0
+SPEEDS, FARTHEST_M = (0.05, 0.5), 100
 # Simulated by real time: a smaller share is told.
 SLOW = 0.9
 FAULTS = {
@@ -224,7 +224,7 @@ class Page:
         target = self.scene.target
         position, wxyz = target.position.copy(), target.wxyz.copy()
         # Any other numbers would stay in the hand.
-        is_pose = np.isfinite(position).all() and abs(np.linalg.norm(wxyz) - 1.0) < 1e-3
+        is_pose = np.isfinite(position).all() and abs(np.linalg.norm(wxyz) - 1) < 1e-3
         if is_pose and np.abs(position).max() < FARTHEST_M:
             self.hand.drag(position, wxyz, event.phase)
 
@@ -279,11 +279,11 @@ class Page:
         """A run that has ended by itself goes on as another one, in the posture left."""
         session, ghost = self.session, self.ghost
         if has_ended := session.process.poll() is not None:
-            session.listener.join(1.0)
+            session.listener.join(1)
         while session.lines:
             self.story.append(session.lines.popleft())
         if ghost and ghost.process.poll() is not None:
-            ghost.listener.join(1.0)
+            ghost.listener.join(1)
             last = " ".join([*ghost.lines][-2:])
             self.story.append(f"The ghost's run has ended: {last}")
             self.rivals.value = self.kept["rival"] = NOBODY
@@ -326,11 +326,11 @@ class Page:
         """Waits; a person's action goes to the arm at once, as soon as its run has a state."""
         while self.hand:
             try:
-                self.actions.get(timeout=max(due - monotonic(), 0.0))()
+                self.actions.get(timeout=max(due - monotonic(), 0))()
             except queue.Empty:
                 return
             self._say()
-        time.sleep(max(due - monotonic(), 0.0))
+        time.sleep(max(due - monotonic(), 0))
 
     def _say(self):
         """The target of this moment, for the arm and its ghost."""

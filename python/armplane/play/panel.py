@@ -35,7 +35,7 @@ STYLE = f"<style>{pathlib.Path(__file__).with_suffix('.css').read_text()}</style
 
 def _bar(share, colour, mark=None, kind="bar"):
     line = f'<b style="left:{100 * mark:.1f}%"></b>' if mark is not None else ""
-    width = 100 * min(max(share, 0.0), 1.0)
+    width = 100 * min(max(share, 0), 1)
     return f'<div class="{kind}"><i style="width:{width:.1f}%;background:{colour}"></i>{line}</div>'
 
 
@@ -58,7 +58,7 @@ def reason(robot, seen, ball):
     if servo.joint:
         side = f", {'upper' if servo.upper else 'lower'} side"
         text += f" (joint {servo.joint}{side if servo.reason == wire.REASON_LIMIT else ''})"
-    if servo.singularity and servo.nearest < 1.0:
+    if servo.singularity and servo.nearest < 1:
         place = servo.singularity - 1
         kind = wire.TYPES.get(seen["singularity"].singularities[place].class_, "")
         does = DOES.get(seen["control_state"].mode[place])
@@ -93,7 +93,7 @@ def _joints(robot, seen, ghost):
     ours = shares(seen["plant_state"])
     theirs = ghost and shares(ghost.seen["plant_state"])
     for i, joint in enumerate(ours):
-        cells = [_bar(x, STOP if x > 1.0 else SLOW if x > 0.85 else PLAIN) for x in joint]
+        cells = [_bar(x, STOP if x > 1 else SLOW if x > 0.85 else PLAIN) for x in joint]
         for k in range(2 if ghost else 0):
             colour = STOP if ghost.peaks[k, i] >= AT_LIMIT else RIVAL
             cells[k] += _bar(theirs[i, k], colour, kind="bar thin")

@@ -13,7 +13,7 @@ from ..rotation import rotation_exp
 STAND, HAND, ZETA = (62, 74, 98), (250, 204, 60), (255, 66, 200)
 GHOST, ALARM, TRAIL, ELLIPSOID = (255, 160, 72), (255, 60, 60), (150, 190, 255), (90, 200, 190)
 # |s| over η_out from which on ζ is drawn.
-ZETA_SHOWN = 2.0
+ZETA_SHOWN = 2
 TRAIL_POINTS = 60
 # The part of the picture beside the panel, on a phone above it, in halves of its width and height
 # from the middle: ends on the left and below, on the right and above. Hand and ball stay in it.
@@ -183,7 +183,7 @@ class Scene:
         J = self.robot.arm.at(q).J[:3]
         squares, axes = np.linalg.eigh(J @ J.T)
         axes[:, 0] *= np.sign(np.linalg.det(axes))
-        radii = 0.3 * np.sqrt(np.maximum(squares, 0.0)) + 1e-3
+        radii = 0.3 * np.sqrt(np.maximum(squares, 0)) + 1e-3
         self.ellipsoid.position, self.ellipsoid.wxyz = p, quaternion(axes)
         self.ellipsoid.scale = tuple(radii.tolist())
 

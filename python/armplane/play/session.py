@@ -116,7 +116,7 @@ class Session:
         now = time.monotonic(), self.seen["plant_state"].header.tick / self.rate_hz
         self._paces.append(now)
         real, simulated = np.subtract(now, self._paces[0])
-        return simulated / real if real > 0.5 else 1.0
+        return simulated / real if real > 0.5 else 1
 
     def end(self, kept=None, tell=None):
         """Ends it at rest. A thread waits for that, moves the run to `kept`, and tells so."""

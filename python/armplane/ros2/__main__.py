@@ -30,7 +30,7 @@ COMMANDS = {
 STATUS, INVALID, WARN = {wire.REASON_SINGULARITY: 1, wire.REASON_HELD: 5, wire.REASON_LIMIT: 6, wire.REASON_EFFORT: 6}, -1, 1
 SLOWED = {*STATUS, wire.REASON_REACH, wire.REASON_STOPPED}
 # Pause between two sentences on a topic's commands, and between two looks for commands, s.
-EVERY_S, HEAR_S = 1.0, 1e-3
+EVERY_S, HEAR_S = 1, 1e-3
 OPTIONS = ("rate", "units", "clock", "network")
 
 
@@ -43,7 +43,7 @@ def options(text):
         rate = float(given.get("rate", 100))
     except ValueError:
         rate = 0.0
-    if not 1.0 <= rate <= 10_000.0:
+    if not 1 <= rate <= 10_000:
         raise ValueError(f"rate={given['rate']}: give a number from 1 to 10000, in Hz")
     return {**given, "rate": rate}
 
@@ -55,7 +55,7 @@ class Ros2(Observer):
         self.given = options(sys.argv[1] if len(sys.argv) > 1 else "")
         self.robot, self.door = Robot(self.job), open_door("network" in self.given)
         self.frames = Frames(self.robot)
-        self.names, self.every = self.robot.arm.joints, max(1, round(1.0 / self.dt / self.given["rate"]))
+        self.names, self.every = self.robot.arm.joints, max(1, round(1 / self.dt / self.given["rate"]))
         self.heard, self.senders, self.said, self.refused, self.due, self.diagnosed = {}, {}, {}, {}, 0, 0
         self._send("/robot_description", "std_msgs/String", self.job["robot"]["urdf"], is_kept=True)
         if (self.job["scenario"].get("servo") or {}).get("live"):
@@ -96,7 +96,7 @@ class Ros2(Observer):
         if tick >= self.due:
             self.due = tick - tick % self.every + self.every
             # In the time of ROS, the state has the stamp of its sensors.
-            age = 0.0 if is_simulated else 1e-9 * (time.monotonic_ns() - estimate.header.sent_ns[0])
+            age = 0 if is_simulated else 1e-9 * (time.monotonic_ns() - estimate.header.sent_ns[0])
             self._show(now - age, tick, estimate, sensor, singularity, control_state, servo_state)
 
     # Commands: on a thread, for an observer gets its ticks by tens.
@@ -144,7 +144,7 @@ class Ros2(Observer):
             send(self.door.make(name, *values))
 
     def _show(self, now, tick, estimate, sensor, report, control, servo):
-        n, stamp = self.dof, (int(now), int(now % 1.0 * 1e9))
+        n, stamp = self.dof, (int(now), int(now % 1 * 1e9))
         in_base, hand = (stamp, self.frames.base), self.robot.frames(self.at[0])[-1]
         found = list(report.singularities[: report.count]) if report else []
         if "clock" in self.given:
@@ -172,7 +172,7 @@ class Ros2(Observer):
             is_invalid = any(time.monotonic() - at < EVERY_S for at in list(self.said.values()))
             self._send(f"{NODE}/status", "moveit_msgs/ServoStatus", INVALID if is_invalid else STATUS.get(servo.reason, 0), reason)
         if tick >= self.diagnosed:
-            self.diagnosed = tick + round(1.0 / self.dt)
+            self.diagnosed = tick + round(1 / self.dt)
             self._diagnose(stamp, tick, reason, servo)
 
     def _diagnose(self, stamp, tick, reason, servo):

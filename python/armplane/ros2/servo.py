@@ -11,11 +11,11 @@ from ..rotation import rotation_log, rotation_of
 # Servo's defaults: age at which a command is over (s), what 1.0 means without units (m/s, rad/s, and rad/s or m/s of a joint), room before a joint's limit.
 TIMEOUT_S, LINEAR, ROTATIONAL, JOINT, MARGIN = 0.1, 0.4, 0.8, 0.5, 0.1
 # armplane's reference arm goes to a posture at GAIN times the way to it, 1/s, and at most at this share of each joint's speed limit.
-GAIN, SHARE = 5.0, 0.4
+GAIN, SHARE = 5, 0.4
 # A path begins no further than this from the arm, and a jog leads the arm by no more; rad or m.
 APART = 0.2
 # Of a table of way points: longest path, s, and pause between the points that are kept of it.
-LONGEST_S, STEP_S = 600.0, 0.01
+LONGEST_S, STEP_S = 600, 0.01
 REST = "twist, base, 0.1, 0 0 0 0 0 0"
 
 
@@ -72,7 +72,7 @@ class Commands:
 
     def __init__(self, frames, has_units):
         self.frames, self.has_units, self.arm = frames, has_units, frames.robot.arm
-        self.most = SHARE * np.minimum(self.arm.velocity, 10.0)
+        self.most = SHARE * np.minimum(self.arm.velocity, 10)
         self.motion = None
 
     def _valid_s(self, message, now):
@@ -81,10 +81,10 @@ class Commands:
         if age >= TIMEOUT_S:
             stamp = "its stamp is 0: send the time" if not seconds(message.header.stamp) else f"it is {age:.2f} s old, and valid for {TIMEOUT_S} s"
             raise ValueError(stamp)
-        return TIMEOUT_S - max(age, 0.0)
+        return TIMEOUT_S - max(age, 0)
 
     def _scaled(self, speed, scale):
-        return speed * (min(1.0, scale / max(norm(speed), 1e-12)) if self.has_units else scale)
+        return speed * (min(1, scale / max(norm(speed), 1e-12)) if self.has_units else scale)
 
     def twist(self, message, now, q):
         """A geometry_msgs/TwistStamped: about the hand, in the axes of its frame."""
@@ -100,7 +100,7 @@ class Commands:
         """A geometry_msgs/PoseStamped: a goal of the hand."""
         self.motion, valid_s = None, self._valid_s(message, now)
         p, x = fields(message.pose.position, "xyz"), fields(message.pose.orientation, "wxyz")
-        if abs(norm(x) - 1.0) > 1e-3:
+        if abs(norm(x) - 1) > 1e-3:
             raise ValueError(f"its quaternion has norm {norm(x):.4f}, not 1")
         base = self.frames.pose(message.header.frame_id, q)
         return line("pose, base", valid_s, base[:3, :3] @ p + base[:3, 3], quaternion(base[:3, :3] @ rotation_of(x)), np.zeros(6))
@@ -111,8 +111,8 @@ class Commands:
         if len(message.joint_names) != len(message.velocities):
             raise ValueError(f"it has {len(message.joint_names)} joints and {len(message.velocities)} velocities")
         velocity[self._places(message.joint_names)] = numbers(message.velocities)
-        velocity *= 1.0 if self.has_units else JOINT
-        velocity /= max(1.0, np.max(np.abs(velocity) / self.most, initial=0.0))
+        velocity *= 1 if self.has_units else JOINT
+        velocity /= max(1, np.max(np.abs(velocity) / self.most, initial=0))
         before = self.motion if isinstance(self.motion, Jog) else None
         self.motion = Jog(self.arm, before.q if before else q, velocity, now, now + valid_s)
         return None
@@ -138,7 +138,7 @@ class Commands:
         points = numbers(point.positions for point in message.points)[:, order]
         speeds = numbers(point.velocities for point in message.points)[:, order] if has_speeds else None
         if times[0] > 0:
-            times, points = np.append(0.0, times), np.vstack([q, points])
+            times, points = np.append(0, times), np.vstack([q, points])
             speeds = np.vstack([0 * q, speeds]) if has_speeds else None
         begin = seconds(message.header.stamp) or now
         self.motion = Path(self.arm, q, times, points, speeds, begin, self.most)
@@ -163,13 +163,13 @@ class Jog:
     def line(self, now, q):
         if now >= self.end:
             return None
-        step = self.velocity * max(now - self.now, 0.0)
+        step = self.velocity * max(now - self.now, 0)
         ahead, self.now = self.q + step, now
         # Where it stands nearer to a limit already, it may stay.
         lower, upper = np.minimum(self.arm.lower + MARGIN, self.q), np.maximum(self.arm.upper - MARGIN, self.q)
         is_held = ((ahead > upper) | (ahead < lower)).any() or np.abs(ahead - q).max() > APART
         self.q = self.q if is_held else ahead
-        return line("posture, joints", self.end - now, np.clip(self.q + (0.0 if is_held else self.velocity / GAIN), lower, upper))
+        return line("posture, joints", self.end - now, np.clip(self.q + (0 if is_held else self.velocity / GAIN), lower, upper))
 
 
 class Path:
@@ -181,8 +181,8 @@ class Path:
         if np.abs(points[0] - q).max() > APART:
             raise ValueError(f"it begins {np.abs(points[0] - q).max():.2f} rad from the arm: give its first point time to get there")
         if len(times) == 1:
-            times, points, speeds = np.array([0.0, STEP_S]), np.vstack([points, points]), None
-        grid = np.linspace(0.0, times[-1], 2 + int(times[-1] / STEP_S))
+            times, points, speeds = np.array([0, STEP_S]), np.vstack([points, points]), None
+        grid = np.linspace(0, times[-1], 2 + int(times[-1] / STEP_S))
         k = np.clip(np.searchsorted(times, grid, "right") - 1, 0, len(times) - 2)
         h = (times[k + 1] - times[k])[:, None]
         x, a, way = (grid - times[k])[:, None] / h, points[k], points[k + 1] - points[k]
@@ -192,14 +192,14 @@ class Path:
         if ((self.q < arm.lower) | (self.q > arm.upper)).any():
             raise ValueError("it leaves the joint limits")
         step = grid[1]
-        slower = max(1.0, np.max(np.abs(np.diff(self.q, axis=0)) / step / most))
+        slower = max(1, np.max(np.abs(np.diff(self.q, axis=0)) / step / most))
         self.times, self.begin, self.speed = grid * slower, begin, np.gradient(self.q, axis=0) / (step * slower)
 
     def line(self, now, q):
         t = now - self.begin
         # At its end it stays for a second.
-        if t > self.times[-1] + 1.0:
+        if t > self.times[-1] + 1:
             return None
         part, k = np.modf(np.clip(t / self.times[1], 0, len(self.times) - 1.001))
         goal = (1 - part) * self.q[int(k)] + part * self.q[int(k) + 1]
-        return line("posture, joints", TIMEOUT_S, goal + (self.speed[int(k)] / GAIN if 0 <= t < self.times[-1] else 0.0))
+        return line("posture, joints", TIMEOUT_S, goal + (self.speed[int(k)] / GAIN if 0 <= t < self.times[-1] else 0))
