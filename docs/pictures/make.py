@@ -38,7 +38,7 @@ KINDS = "line circle waypoints spline table".split()
 
 def recording(program, words, folder):
     """The recording of a run."""
-    done = subprocess.run([program, *words.split(), "--out", str(folder)], cwd=HERE, capture_output=True, text=True)
+    done = subprocess.run([program, *words.split(), "--out", folder], cwd=HERE, capture_output=True, text=True)
     if not (file := folder / "run.rrd").exists():
         sys.exit(f"armplane {words} left no recording: {done.stderr.strip()}")
     return [file]
@@ -93,7 +93,7 @@ def animation(program, name, scratch):
 
 def figure(program, name, scratch):
     """Figure 3 of the paper, as `armplane figures` draws it."""
-    subprocess.run([program, "figures", "--out", str(scratch / name)], capture_output=True, check=True)
+    subprocess.run([program, "figures", "--out", scratch / name], capture_output=True, check=True)
     packed(cropped((scratch / name / "fig3.png").read_bytes())).save(DOCS / "fig3.png", optimize=True)
 
 
@@ -101,7 +101,7 @@ def report(program, name, scratch):
     """The first page of a report, in a browser."""
     page, shot = scratch / "report.html", scratch / "report.png"
     recording(program, "run fig5-wrist-rotation", scratch / name)
-    subprocess.run([program, "report", str(scratch / name), "--out", str(page)], capture_output=True, check=True)
+    subprocess.run([program, "report", scratch / name, "--out", page], capture_output=True, check=True)
     browser = [BROWSER, "--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", f"--user-data-dir={scratch / 'browser'}"]
     subprocess.run([*browser, "--window-size=1280,1080", f"--screenshot={shot}", page.as_uri()], capture_output=True, check=True)
     packed(cropped(shot.read_bytes())).save(DOCS / "report.png", optimize=True)

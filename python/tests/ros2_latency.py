@@ -14,7 +14,7 @@ HZ, SECONDS = 500, 20
 def main():
     for mode in ("lockstep", "realtime"):
         with tempfile.TemporaryDirectory() as folder:
-            words = ["servo", "ur5", "--duration", "100", "--mode", mode, f"--ros2=units,rate={HZ}"]
+            words = f"servo ur5 --duration 100 --mode {mode} --ros2=units,rate={HZ}".split()
             face = Face(None, pathlib.Path(folder), *words)
             while not face.peer.ask("heard", "servo_node/delta_twist_cmds"):
                 time.sleep(0.1)

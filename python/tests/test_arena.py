@@ -67,8 +67,8 @@ writes = ["control_state", "torque"]
 """
 
 
-def compare(folder, *arguments):
-    done = subprocess.run([_program(), "compare", *arguments, "--out", folder, "--json"], capture_output=True, text=True)
+def compare(folder, arguments):
+    done = subprocess.run([_program(), *f"compare {arguments} --out {folder} --json".split()], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)["scenarios"][0]["laws"]
 
@@ -98,10 +98,10 @@ def test_the_reference_is_that_of_the_law(tmp_path):
 
 def test_a_home_made_opponent_enters_the_table_with_the_same_bytes_twice(tmp_path, task):
     (tmp_path / "mine.py").write_text(HOME_MADE)
-    laws = compare(tmp_path / "a", task, "--law", f"blended,mine={tmp_path / 'mine.py'}")
+    laws = compare(tmp_path / "a", f"{task} --law blended,mine={tmp_path}/mine.py")
     assert [law["law"] for law in laws] == ["blended", "mine"]
     assert laws[1]["s1"] and laws[1]["completed"] and laws[1]["orthogonal_max_mm"] < 1
-    assert compare(tmp_path / "b", task, "--law", f"mine={tmp_path / 'mine.py'}")[0]["hash"] == laws[1]["hash"]
+    assert compare(tmp_path / "b", f"{task} --law mine={tmp_path}/mine.py")[0]["hash"] == laws[1]["hash"]
 
 
 @pytest.mark.parametrize("file", program.OPPONENTS, ids=lambda file: file.stem)
@@ -118,7 +118,7 @@ def test_a_cheat_is_caught(tmp_path, task, end, missed):
     """The first calls the present pose its goal, to the end; the second ends early."""
     (tmp_path / "cheat.py").write_text(CHEAT.replace("{end}", str(min(end, 1100))))
     (tmp_path / "cheat.toml").write_text(GRAPH.replace("{python}", sys.executable))
-    cheat = compare(tmp_path / "out", task, "--law", f"cheat={tmp_path / 'cheat.toml'}")[0]
+    cheat = compare(tmp_path / "out", f"{task} --law cheat={tmp_path}/cheat.toml")[0]
     assert not cheat["s1"] and not cheat["s2"] and missed in cheat["missed"]
 
 
@@ -145,18 +145,16 @@ class Forger(armplane.arena.Velocity):
 
 def test_an_opponent_cannot_write_its_score_or_its_task(tmp_path):
     (tmp_path / "forger.py").write_text(FORGER)
-    forger = f"={tmp_path / 'forger.py'}"
-    done = arena(tmp_path, "--lines", "1", "--law", f"forger{forger}", "--jobs", "1")
+    done = arena(tmp_path, f"--lines 1 --law forger={tmp_path}/forger.py --jobs 1")
     assert done.returncode == 0, done.stderr
     rows = rows_of(tmp_path)
     assert len(rows) > 1 and not any(row["s1"] or row["outcome"] == "goal reached" for row in rows)
-    done = arena(tmp_path, "--law", "armplane", "--law", f"armplane{forger}")
+    done = arena(tmp_path, f"--law armplane --law armplane={tmp_path}/forger.py")
     assert done.returncode == 2, done.stderr
 
 
-def arena(folder, *asked):
-    command = [_program(), "arena", "--size", "short", "--robot", "ur5", "--out", str(folder), "--jobs", "2", *asked]
-    return subprocess.run(command, capture_output=True, text=True)
+def arena(folder, asked):
+    return subprocess.run([_program(), *f"arena --size short --robot ur5 --out {folder} --jobs 2 {asked}".split()], capture_output=True, text=True)
 
 
 def rows_of(folder):
@@ -166,9 +164,9 @@ def rows_of(folder):
 def test_the_arena_runs_continues_and_repeats_itself(tmp_path):
     pytest.importorskip("mujoco")
     (tmp_path / "mine.py").write_text(HOME_MADE)
-    laws = ["--law", "armplane", "--law", f"mine={tmp_path / 'mine.py'}", "--law", f"absent={tmp_path / 'absent.py'}"]
+    laws = f"--law armplane --law mine={tmp_path}/mine.py --law absent={tmp_path}/absent.py"
     (tmp_path / "absent.py").write_text("import no_such_package\n")
-    first = arena(tmp_path / "a", *laws, "--again", "1")
+    first = arena(tmp_path / "a", f"{laws} --again 1")
     assert first.returncode == 0, first.stderr
     rows = rows_of(tmp_path / "a")
     assert len(rows) == 8 and {row["law"] for row in rows} == {"armplane", "mine"}
@@ -178,18 +176,18 @@ def test_the_arena_runs_continues_and_repeats_itself(tmp_path):
     # Continued, nothing is run again; in another folder, everything is, to the same bits.
     half = (tmp_path / "a/rows.jsonl").read_text().splitlines(keepends=True)
     (tmp_path / "a/rows.jsonl").write_text("".join(half[:-2]) + half[-2][:20])
-    second = arena(tmp_path / "a", *laws)
+    second = arena(tmp_path / "a", laws)
     assert digest(second) == digest(first) and second.stderr.count(" of 2, ") == 2
     assert "left out" in second.stderr and "no_such_package" in second.stderr
-    for wrong in (["--law", "mine=nowhere.py"], ["--law", "nothing"], ["--check", str(tmp_path / "mine.py")], ["--robot", "nobody"]):
-        assert arena(tmp_path / "b", *wrong).returncode == 2, wrong
+    for wrong in ("--law mine=nowhere.py", "--law nothing", f"--check {tmp_path}/mine.py", "--robot nobody"):
+        assert arena(tmp_path / "b", wrong).returncode == 2, wrong
     assert pathlib.Path(tmp_path / "a/arena.html").stat().st_size > 1000
 
 
 def test_tracks_and_variations_are_rows_of_their_own(tmp_path):
     pytest.importorskip("mujoco")
     (tmp_path / "mine.py").write_text(HOME_MADE)
-    done = arena(tmp_path / "a", "--lines", "1", "--law", "armplane", "--law", f"mine={tmp_path / 'mine.py'}", "--tracks", "--varied")
+    done = arena(tmp_path / "a", f"--lines 1 --law armplane --law mine={tmp_path}/mine.py --tracks --varied")
     assert done.returncode == 0, done.stderr
     rows = {(row["condition"], row["law"], row["task"]): row for row in rows_of(tmp_path / "a")}
     hashes = lambda law: {condition: row["hash"] for (condition, name, task), row in rows.items() if name == law and task == "ur5-usual-1"}

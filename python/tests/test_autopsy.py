@@ -101,7 +101,7 @@ def test_a_damaged_file_is_one_sentence(tmp_path):
     for name, content in files.items():
         path = tmp_path / name
         path.write_bytes(content)
-        done = subprocess.run([sys.executable, "-m", "armplane.autopsy", str(path), "--robot", "ur5"], capture_output=True, text=True, timeout=120)
+        done = subprocess.run([sys.executable, *f"-m armplane.autopsy {path} --robot ur5".split()], capture_output=True, text=True, timeout=120)
         assert done.returncode == 2 and done.stderr.startswith("armplane: ") and done.stderr.count("\n") == 1 and not done.stdout, (name, done.stderr)
 
 
@@ -111,7 +111,7 @@ def test_many_logs_are_a_table_and_json_lines(arm, tmp_path):
         (logs / str(k)).mkdir(parents=True)
         path, _, _ = made(arm[0], cause, "joints", "csv", logs / str(k))
         pathlib.Path(path).rename(logs / f"{k}.csv")
-    command = [sys.executable, "-m", "armplane.autopsy", str(logs), "--robot", arm[1]]
+    command = [sys.executable, *f"-m armplane.autopsy {logs} --robot {arm[1]}".split()]
     done = subprocess.run([*command, "--json"], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0 and [json.loads(line)["cause"] for line in done.stdout.splitlines()] == ["jump in the command", "none"]
     assert len(subprocess.run(command, capture_output=True, text=True, timeout=120).stdout.splitlines()) == 3

@@ -136,7 +136,7 @@ def test_a_killed_sweep_goes_on_and_its_table_is_that_of_one_piece():
     name, arguments = command.read_file(Path("killed.toml"))
     whole = sweep(**arguments)
     assert name == "killed" and len(whole) == 48
-    start = lambda: subprocess.Popen([sys.executable, "-m", "armplane.experiments", "sweep", "killed.toml", "--out", "out"], stdout=subprocess.DEVNULL)
+    start = lambda: subprocess.Popen([sys.executable, *"-m armplane.experiments sweep killed.toml --out out".split()], stdout=subprocess.DEVNULL)
     parts = lambda: len(list(Path("out").glob("runs-*.parquet")))
     for kill in range(1, 4):
         child = start()

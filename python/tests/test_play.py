@@ -87,10 +87,10 @@ def _sees(page, text):
 class Play:
     """`armplane play`, and a browser that looks at it."""
 
-    def __init__(self, folder, subject, browser=None, *options):
+    def __init__(self, folder, subject, browser=None, options=""):
         self.temporary = folder / "tmp"
         self.temporary.mkdir()
-        command = [sys.executable, "-m", "armplane.play", subject, "--no-open", *options]
+        command = [sys.executable, *f"-m armplane.play {subject} --no-open {options}".split()]
         environment = {**os.environ, "TMPDIR": str(self.temporary)}
         self.process = subprocess.Popen(command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         self.address = next(line.split()[2] for line in self.process.stdout if line.startswith("armplane play: http"))
@@ -239,7 +239,7 @@ class Play:
 def browser():
     from playwright.sync_api import sync_playwright
 
-    options = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    options = "--no-sandbox --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader".split()
     with sync_playwright() as engine:
         chromium = engine.chromium.launch(executable_path=CHROMIUM, args=options)
         yield chromium
@@ -367,7 +367,7 @@ def test_a_controller_of_others_races(play):
 def test_a_killed_run_is_followed_by_another_and_a_killed_page_leaves_nothing(tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as owner:
         taken = owner.getsockname()[1]
-        one = Play(tmp_path, "puma560", None, "--port", str(taken))
+        one = Play(tmp_path, "puma560", options=f"--port {taken}")
         assert f":{taken}/" not in one.address, "a taken port is left to its owner"
         first = one.launcher()
         os.kill(first, signal.SIGKILL)
@@ -395,7 +395,7 @@ def test_a_full_disk_is_told_in_a_sentence_and_keeps_no_half_run(tmp_path, monke
 
 @needs_viser
 def test_strangers_are_refused_on_every_address(tmp_path):
-    one = Play(tmp_path, "puma560", None, "--host", "0.0.0.0")
+    one = Play(tmp_path, "puma560", options="--host 0.0.0.0")
     port, token = re.search(r":(\d+)/\?token=(\S+)", one.address).groups()
 
     def status(path, **headers):
@@ -453,7 +453,7 @@ def test_an_arm_is_drawn_from_its_file_and_what_is_lacking_is_told(tmp_path):
     body = Body(SimpleNamespace(tree=tree, links=links(tree, ["one", "two", "three"]), folder=folder, tips=tips, reach=2.5))
     base, mesh, box, ball, tube = body.parts
     assert [part[0] for part in body.parts] == [-1, 0, 0, 1, 2]
-    assert [part[2] for part in body.parts] == ["capsule", "mesh", "box", "sphere", "capsule"]
+    assert [part[2] for part in body.parts] == "capsule mesh box sphere capsule".split()
     assert np.ptp(mesh[3][0], axis=0).tolist() == pytest.approx([0.1, 0.1, 0])
     assert box[1][:3, 3].tolist() == pytest.approx([1, 1, 0]) and box[3:] == ([1, 2, 3], (1, 0, 0))
     assert ball[3] == [2] and tube[3][1] == pytest.approx(0.5) and base[1][2, 3] == pytest.approx(0.5)

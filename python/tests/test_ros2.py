@@ -74,7 +74,7 @@ def _job_of(robot, folder):
     """The job of a short run."""
     out = folder / robot
     if not out.exists():
-        command = [_program(), "servo", robot, "--random", "1", "--duration", "0.05", "--out", str(out)]
+        command = [_program(), *f"servo {robot} --random 1 --duration 0.05 --out {out}".split()]
         subprocess.run(command, capture_output=True)
     return json.loads((out / "job.json").read_text())
 
@@ -191,7 +191,7 @@ def _face(store, folder, *words):
 
 
 def _steered(*more):
-    return ["servo", "ur5", "--duration", "300", "--start", ",".join(map(str, np.degrees(NEAR_LOCK))), *more]
+    return [*f"servo ur5 --duration 300 --start {','.join(map(str, np.degrees(NEAR_LOCK)))}".split(), *more]
 
 
 def twist(v, w=(0, 0, 0), frame="base_link", stamp=None):

@@ -29,11 +29,11 @@ ROOT = HERE.parents[1]
 ROBOTS = ROOT / "services/model/robots"
 ARMS = ["puma560", "ur5", "panda"]
 TURNS = 5
-OURS = ["cargo", "run", "--release", "--locked", "--quiet", f"--manifest-path={ROOT / 'services/model/Cargo.toml'}", "--example", "terms", "--"]
+OURS = [*"cargo run --release --locked --quiet --example terms --manifest-path".split(), ROOT / "services/model/Cargo.toml", "--"]
 # Ours, pinocchio's, and the goal for ours over pinocchio's.
 PAIRS = {"A, bias and J in one pass": ("computeAllTerms", 0.25), "mass matrix": ("crba", 1), "inverse dynamics": ("rnea", 1)}
 # Lists of the 30 kinds of joint are longer than the headers of Boost's metaprogramming library are prepared for.
-DEFINES = ["BOOST_MPL_LIMIT_LIST_SIZE=30", "BOOST_MPL_LIMIT_VECTOR_SIZE=30", "BOOST_MPL_CFG_NO_PREPROCESSED_HEADERS", "BOOST_FUSION_INVOKE_MAX_ARITY=12"]
+DEFINES = "BOOST_MPL_LIMIT_LIST_SIZE=30 BOOST_MPL_LIMIT_VECTOR_SIZE=30 BOOST_MPL_CFG_NO_PREPROCESSED_HEADERS BOOST_FUSION_INVOKE_MAX_ARITY=12".split()
 
 
 def skip(why):
