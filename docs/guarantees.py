@@ -58,7 +58,7 @@ def run(command, expected, folder, short):
     tests = sum(int(ran or listed) for ran, listed in re.findall(r"^test result: \w+\. (\d+) passed|^(\d+) tests?, ", ran.stdout, re.M))
     # A filter that no test has is no test.
     holds = ran.returncode == expected and (tests > 0 or words[0] != "cargo")
-    note = f"{time.monotonic() - began:.0f} s" + (f", {tests} tests" if tests else "")
+    note = f"{time.monotonic() - began:.0f} s{f', {tests} tests' if tests else ''}"
     return holds, note if holds else f"{note}, exit code {ran.returncode}: " + " / ".join(ran.stdout.strip().splitlines()[-3:])
 
 

@@ -72,7 +72,7 @@ class Viewer:
         self.folder.cleanup()
 
     def send(self, message):
-        self.control.stdin.write(json.dumps(message) + "\n")
+        self.control.stdin.write(f"{json.dumps(message)}\n")
         self.control.stdin.flush()
 
     def request(self, method, parameters):

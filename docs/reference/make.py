@@ -191,7 +191,7 @@ def messages(_):
 
 def cli(folder):
     program("generate", "man", str(folder / "man"))
-    text = "```text\n" + program("--help").rstrip() + "\n```\n"
+    text = f"```text\n{program('--help').rstrip()}\n```\n"
     names = sorted(page.name.removesuffix(".1") for page in (folder / "man").iterdir())
     commands = {tuple(name.split("-")[1:]) for name in names if name != "armplane"}
     for command in sorted(commands):

@@ -148,7 +148,7 @@ def schema(name, title):
 def main():
     stale, is_check = [], "--check" in sys.argv
     for file, title in {"scenario": "A scenario of armplane", "graph": "A process graph of armplane", "summary": "summary.json of a run of armplane"}.items():
-        path, text = HERE / f"{file}.json", json.dumps(schema(file.capitalize(), title), indent=2, ensure_ascii=False) + "\n"
+        path, text = HERE / f"{file}.json", f"{json.dumps(schema(file.capitalize(), title), indent=2, ensure_ascii=False)}\n"
         if not is_check:
             path.write_text(text)
         elif not path.exists() or path.read_text() != text:

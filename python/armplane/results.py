@@ -165,8 +165,8 @@ def toml(value):
 
 def _inner(value):
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{key} = {_inner(one)}" for key, one in value.items()) + "}"
+        return f"{{{', '.join(f'{key} = {_inner(one)}' for key, one in value.items())}}}"
     if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(map(_inner, value)) + "]"
+        return f"[{', '.join(map(_inner, value))}]"
     # The numbers of numpy and pandas, too.
     return json.dumps(value.item() if hasattr(value, "item") else value)

@@ -40,7 +40,7 @@ def test_a_law_gives_the_bits_of_the_process(name, by, q):
     for tick in range(1500):
         values = text(p + 1e-3 * tick * np.array(twist[:3]), quaternion, twist) if by == "pose" else text(twist)
         lines.append(f"{tick / 1000}, {by}, base, 1.0, {values}")
-    Path(f"{name}.csv").write_text("\n".join(lines) + "\n")
+    Path(f"{name}.csv").write_text("\n".join([*lines, ""]))
     text = f'name = "{name}"\nrobot = "{name}"\n[start]\nq = {q}\n[servo]\ninput = "{name}.csv"\n'
     Path(f"{name}.toml").write_text(text)
     run = armplane.run(f"{name}.toml", out=name)

@@ -77,7 +77,7 @@ def output(*command):
 def check_same_arm(armplane, model, name):
     """Both programs mean the same arm: its mass matrix in a posture is equal to 1e-9."""
     degrees = [10, -20, 30, -40, 50, 60, 70][: model.nv]
-    ours = json.loads(output(armplane, "inspect", "--robot", name, "--q-deg=" + ",".join(map(str, degrees)), "--json"))["A"]
+    ours = json.loads(output(armplane, "inspect", "--robot", name, f"--q-deg={','.join(map(str, degrees))}", "--json"))["A"]
     worst = numpy.abs(numpy.triu(ours - pin.crba(model, model.createData(), numpy.radians(degrees)))).max()
     if worst > 1e-9:
         sys.exit(f"{name} is not the same arm in both programs: the mass matrices differ by {worst:.2e} kg·m²")

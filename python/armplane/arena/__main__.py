@@ -387,7 +387,7 @@ class Table:
 
     def write(self):
         """The rows as they are known here, whatever has come to the file."""
-        self.path.write_text("".join(json.dumps(row) + "\n" for row in self.rows.values()))
+        self.path.write_text("".join(f"{json.dumps(row)}\n" for row in self.rows.values()))
 
     def key(self, entry, task, condition):
         source = "" if entry.own else sources(Path(entry.argument).parent)
@@ -409,7 +409,7 @@ class Table:
                 done += 1
                 self.rows[row["key"]] = row
                 with open(self.path, "a") as out:
-                    out.write(json.dumps(row) + "\n")
+                    print(json.dumps(row), file=out)
                 minutes = (time.monotonic() - began) / done * (len(left) - done) / 60
                 why = f" ({row['reason']})" if row["outcome"] in ("failed", "refused", "silent") else ""
                 print(f"{done} of {len(left)}, {minutes:.0f} min left: {row['law']} on {row['task']}, {row['condition']}: {row['outcome']}{why}", file=sys.stderr, flush=True)

@@ -166,8 +166,8 @@ class Summary:
 
     def html(self, races=()):
         """One self-contained page. `races`: the input of [`picture.races`]."""
-        listed = lambda lines: "<ul>" + "".join(f"<li>{html.escape(line)}" for line in lines) + "</ul>"
-        map_head = "<tr><th>task" + "".join(f"<th><div>{html.escape(name)}</div>" for name in self.laws)
+        listed = lambda lines: f"<ul>{''.join(f'<li>{html.escape(line)}' for line in lines)}</ul>"
+        map_head = f"<tr><th>task{''.join(f'<th><div>{html.escape(name)}</div>' for name in self.laws)}"
         map_body = "".join(self._line(task, group) for task, group in sorted(self.groups.items(), key=lambda one: (one[1], one[0])))
         skipped = listed(f"{name}: {reason}" for name, reason in self.skipped.items()) if self.skipped else "<p>None."
         return (

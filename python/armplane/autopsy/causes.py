@@ -102,7 +102,7 @@ def joint_limit(log, m):
         came = a > 3 and state[a, k] - state[max(0, a - back), k] > 3 * room[k]
         if (a >= 5 or b <= 0.9 * len(m.t)) and (pushed or came):
             at = f"{np.degrees(limit[k]):.1f}°" if r.turns[j] else f"{1000 * limit[k]:.0f} mm"
-            words = f"{r.joints[j]} is at its limit of {at} from {m.t[a]:.3f} s on" + (", and told to go on" if pushed else "")
+            words = f"{r.joints[j]} is at its limit of {at} from {m.t[a]:.3f} s on{', and told to go on' if pushed else ''}"
             yield Found("joint limit", m.t[a], words, 0.9 if pushed else 0.84, joint=r.joints[j], limit=limit[k])
 
 

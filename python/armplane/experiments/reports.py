@@ -46,7 +46,7 @@ def report(folder, by="position_max_mm", keys=None, worst=10):
         "worst": [{"run": int(row["run"]), "value": float(row[by]), "outcome": row["outcome"], "command": command(row)} for _, row in ranked.head(worst).iterrows()],
     }  # fmt: skip
     _draw(folder / "report", table, plan, result, keys, by, shown)
-    (folder / "report.json").write_text(json.dumps(result, indent=1) + "\n")
+    (folder / "report.json").write_text(f"{json.dumps(result, indent=1)}\n")
     return result
 
 

@@ -257,7 +257,7 @@ class Page:
     def _change_arm(self, name):
         if name in Arm.names():
             self.subject, self.home, self.settings = name, None, []
-            self.story.append(f"{name}." + (" The race begins anew." if self.ghost else ""))
+            self.story.append(f"{name}.{' The race begins anew.' if self.ghost else ''}")
             self._begin(None)
 
     def _change_law(self, law):

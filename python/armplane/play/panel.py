@@ -62,7 +62,7 @@ def reason(robot, seen, ball):
         place = servo.singularity - 1
         kind = wire.TYPES.get(seen["singularity"].singularities[place].class_, "")
         does = DOES.get(seen["control_state"].mode[place])
-        details.append(f"near {name_of(robot, place)}, {kind}" + (f": {does}" if does else ""))
+        details.append(f"near {name_of(robot, place)}, {kind}{f': {does}' if does else ''}")
     is_slowed = servo.reason not in (wire.REASON_FOLLOWING, wire.REASON_RESTING)
     if _cannot(seen, ball):
         end = f"joint {servo.joint} is at its limit" if servo.joint else "the arm stretches to it"

@@ -103,7 +103,7 @@ class Session:
         """Gives a target."""
         # A run that has ended reads no more; the page sees that by itself.
         with self._lock, suppress(BrokenPipeError, ValueError):
-            self.process.stdin.write(line + "\n")
+            self.process.stdin.write(f"{line}\n")
             self.process.stdin.flush()
 
     @property
