@@ -34,18 +34,17 @@ def _numbers(values):
     return " ".join(repr(float(x)) for x in np.atleast_1d(values))
 
 
-def _element(tag, *children, **attributes):
-    stated = "".join(f" {key}={quoteattr(value if isinstance(value, str) else _numbers(value))}" for key, value in attributes.items())
-    return f"<{tag}{stated}>{''.join(children)}</{tag}>" if children else f"<{tag}{stated}/>"
-
-
 def _origin(p, R):
     """R = Rz(yaw)·Ry(pitch)·Rx(roll); any yaw serves where the pitch is a right angle: the roll is that of what it leaves."""
     yaw = math.atan2(R[1, 0], R[0, 0])
     c, s = math.cos(yaw), math.sin(yaw)
-    rest = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ R
+    rest = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ R
     pitch, roll = math.atan2(-rest[2, 0], rest[0, 0]), math.atan2(-rest[1, 2], rest[1, 1])
-    return _element("origin", xyz=p, rpy=[roll, pitch, yaw])
+    return f'<origin xyz="{_numbers(p)}" rpy="{_numbers([roll, pitch, yaw])}"/>'
+
+
+def _joint(name, kind, parent, child, *parts):
+    return f'<joint name={quoteattr(name)} type="{kind}"><parent link={quoteattr(parent)}/><child link={quoteattr(child)}/>{"".join(parts)}</joint>'
 
 
 class _Names:
@@ -69,40 +68,41 @@ class _Tree:
         joint_names = _Names()
         self.joint_names = [joint_names.new(m.joint(j).name or f"joint{j}", f"joint{j}") for j in range(m.njnt)]
         efforts = self._efforts()
-        for b in range(m.nbody):
-            self.xml.append(_element("link", *(self._inertial(b) + self._shapes(b) if b else [""]), name=self.bodies[b]))
+        for b, body in enumerate(self.bodies):
+            self._link(body, *([self._inertial(b), *self._shapes(b)] if b else ()))
             if b:
                 self._joints_of(b, names, followers, efforts)
             if b and m.body_gravcomp[b]:
-                self.notes.append(f"the gravity compensation of body '{self.bodies[b]}' is left out")
+                self.notes.append(f"the gravity compensation of body '{body}' is left out")
         for s in range(m.nsite):
             if name := m.site(s).name:
                 link = names.new(name, f"{name} (site)")
-                self.xml.append(_element("link", name=link))
+                self._link(link)
                 self._fix(self.bodies[m.site_bodyid[s]], link, m.site_pos[s], rotation_of(m.site_quat[s]))
 
+    def _link(self, name, *parts):
+        self.xml.append(f"<link name={quoteattr(name)}>{''.join(parts)}</link>")
+
     def _fix(self, parent, child, p, R):
-        ends = _element("parent", link=parent) + _element("child", link=child)
-        self.xml.append(_element("joint", ends, _origin(p, R), name=f"to {child}", type="fixed"))
+        self.xml.append(_joint(f"to {child}", "fixed", parent, child, _origin(p, R)))
 
     def _inertial(self, b):
-        m = self.m
-        if not m.body_mass[b]:
-            return [""]
-        ixx, iyy, izz = m.body_inertia[b]
-        inertia = _element("inertia", ixx=ixx, iyy=iyy, izz=izz, ixy=0.0, ixz=0.0, iyz=0.0)
-        return [_element("inertial", _origin(m.body_ipos[b], rotation_of(m.body_iquat[b])), _element("mass", value=m.body_mass[b]), inertia)]
+        m, (ixx, iyy, izz) = self.m, map(float, self.m.body_inertia[b])
+        inertia = f'<inertia ixx="{ixx}" iyy="{iyy}" izz="{izz}" ixy="0.0" ixz="0.0" iyz="0.0"/>'
+        pose = _origin(m.body_ipos[b], rotation_of(m.body_iquat[b]))
+        return f'<inertial>{pose}<mass value="{float(m.body_mass[b])}"/>{inertia}</inertial>' if m.body_mass[b] else ""
 
     def _shapes(self, b):
-        m, shapes = self.m, []
+        m = self.m
         for g in range(m.body_geomadr[b], m.body_geomadr[b] + m.body_geomnum[b]):
             kind, size, p, R = m.geom_type[g], m.geom_size[g], m.geom_pos[g], rotation_of(m.geom_quat[g])
+            radius, length = map(float, (size[0], 2 * size[1]))
             if kind == _SPHERE:
-                form = _element("sphere", radius=size[0])
+                form = f'<sphere radius="{radius}"/>'
             elif kind in (_CAPSULE, _CYLINDER):
-                form = _element("capsule" if kind == _CAPSULE else "cylinder", radius=size[0], length=2 * size[1])
+                form = f'<{"capsule" if kind == _CAPSULE else "cylinder"} radius="{radius}" length="{length}"/>'
             elif kind == _BOX:
-                form = _element("box", size=2 * size)
+                form = f'<box size="{_numbers(2 * size)}"/>'
             elif kind == _MESH and m.mesh_pathadr[m.geom_dataid[g]] >= 0:
                 mesh = m.geom_dataid[g]
                 start = m.mesh_pathadr[mesh]
@@ -110,15 +110,13 @@ class _Tree:
                 # The compiler moves a mesh to its own centre.
                 R = R @ rotation_of(m.mesh_quat[mesh]).T
                 p = p - R @ m.mesh_pos[mesh]
-                form = _element("mesh", filename=file, scale=m.mesh_scale[mesh])
+                form = f'<mesh filename={quoteattr(file)} scale="{_numbers(m.mesh_scale[mesh])}"/>'
             else:
                 continue
             collides = (m.geom_contype[g] or m.geom_conaffinity[g]) and not (kind == _MESH and m.geom_group[g] < _SEEN_GROUPS)
             rgba = m.mat_rgba[m.geom_matid[g]] if m.geom_matid[g] >= 0 else m.geom_rgba[g]
-            parts = [_origin(p, R), _element("geometry", form)]
-            colour = _element("material", _element("color", rgba=rgba), name="")
-            shapes.append(_element("collision", *parts) if collides else _element("visual", *parts, colour))
-        return shapes or [""]
+            body = f"{_origin(p, R)}<geometry>{form}</geometry>"
+            yield f"<collision>{body}</collision>" if collides else f'<visual>{body}<material name=""><color rgba="{_numbers(rgba)}"/></material></visual>'
 
     def _joints_of(self, b, names, followers, efforts):
         """The joints of a body, each with a link of its own; the body's is fixed to the last one's where that turns beside it."""
@@ -127,42 +125,38 @@ class _Tree:
         first, count = m.body_jntadr[b], m.body_jntnum[b]
         for j in range(first, first + count):
             anchor = m.jnt_pos[j] if m.jnt_type[j] != _FREE else np.zeros(3)
-            is_body = j == first + count - 1 and not anchor.any()
-            child = body if is_body else names.new(f"{self.joint_names[j]} of {body}", f"joint{j} of {body}")
-            if not is_body:
-                self.xml.append(_element("link", name=child))
-            self._joint(j, [parent, child], p + R @ anchor, R, followers, efforts)
+            child = body
+            if j != first + count - 1 or anchor.any():
+                child = names.new(f"{self.joint_names[j]} of {body}", f"joint{j} of {body}")
+                self._link(child)
+            self._joint(j, parent, child, p + R @ anchor, R, followers, efforts)
             parent, p, R = child, -anchor, np.eye(3)
         if parent != body:
             self._fix(parent, body, p, R)
 
-    def _joint(self, j, ends, p, R, followers, efforts):
+    def _joint(self, j, parent, child, p, R, followers, efforts):
         m, name = self.m, self.joint_names[j]
-        kind, dof = m.jnt_type[j], m.jnt_dofadr[j]
+        kind, dof, limited = m.jnt_type[j], m.jnt_dofadr[j], m.jnt_limited[j]
         axis, moves = m.jnt_axis[j], kind in (_SLIDE, _HINGE)
         # The posture that the file draws is not q = 0 but q = ref.
-        ref = m.qpos0[m.jnt_qposadr[j]] if moves else 0.0
+        ref = m.qpos0[m.jnt_qposadr[j]] if moves else 0
         if kind == _SLIDE:
             p = p - R @ axis * ref
         elif kind == _HINGE:
             R = R @ rotation_exp(-ref * axis)
-        limited = m.jnt_limited[j]
-        lower, upper = m.jnt_range[j] if limited else (-math.inf, math.inf)
+        lower, upper = map(float, m.jnt_range[j] if limited else (-math.inf, math.inf))
         effort = efforts.get(j, math.inf)
         if m.jnt_actfrclimited[j]:
             effort = min(effort, _either_way(m.jnt_actfrcrange[j]))
-        children = [
-            _element("parent", link=ends[0]),
-            _element("child", link=ends[1]),
+        parts = [
             _origin(p, R),
-            _element("axis", xyz=axis),
-            _element("limit", lower=lower, upper=upper, effort=effort, velocity=math.inf),
-            _element("dynamics", damping=np.atleast_1d(m.dof_damping[dof])[0], friction=m.dof_frictionloss[dof]),
+            f'<axis xyz="{_numbers(axis)}"/>',
+            f'<limit lower="{lower}" upper="{upper}" effort="{float(effort)}" velocity="inf"/>',
+            f'<dynamics damping="{float(np.ravel(m.dof_damping[dof])[0])}" friction="{float(m.dof_frictionloss[dof])}"/>',
         ]
         if j in followers:
-            children.append(_element("mimic", joint=self.joint_names[followers[j]]))
-        kind = "continuous" if kind == _HINGE and not limited else _KINDS[kind]
-        self.xml.append(_element("joint", *children, name=name, type=kind))
+            parts.append(f"<mimic joint={quoteattr(self.joint_names[followers[j]])}/>")
+        self.xml.append(_joint(name, "continuous" if kind == _HINGE and not limited else _KINDS[kind], parent, child, *parts))
         if moves:
             self.joints[j] = {"armature": float(m.dof_armature[dof])}
         if np.any(m.jnt_stiffness[j]):
