@@ -7,7 +7,7 @@ from pathlib import Path
 
 import armplane
 
-from ..results import read_toml
+from ..results import _next_folder, read_toml
 
 # Of a sweep's file and its tables: the keys that it needs, and others.
 KEYS = {"": ("name scenario key", "set sample"), "sample: ": ("runs", "seed method"), "key: ": ("key", "values from to steps scale")}
@@ -90,11 +90,9 @@ def _report(experiments, options):
 
 def _figures(experiments, options):
     settings = dict(_setting(one) for one in options.set)
-    number = 1
-    while (out := options.out or Path("runs") / f"figures-{number:03}").exists():
-        if options.out:
-            raise ValueError(f"{out} exists: choose another folder")
-        number += 1
+    out = options.out or _next_folder("figures")
+    if out.exists():
+        raise ValueError(f"{out} exists: choose another folder")
     numbers = experiments.figures(out, settings)
     print(json.dumps(numbers) if options.json else f"{out}\n  fig1-2, fig3, fig4, fig5: .svg, .pdf and .png; figures.json")
     return 0

@@ -3,6 +3,8 @@
 Each function gives the line of a target (docs/servo.md); a command that cannot be followed raises ValueError. Then the arm comes to rest, as with Servo.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.linalg import norm
 
@@ -154,11 +156,15 @@ class Commands:
         return found
 
 
+@dataclass
 class Jog:
     """Joints that move at their speeds until a joint has MARGIN left to its limit; then all rest."""
 
-    def __init__(self, arm, q, velocity, now, end):
-        self.arm, self.q, self.velocity, self.now, self.end = arm, q, velocity, now, end
+    arm: object
+    q: np.ndarray
+    velocity: np.ndarray
+    now: float
+    end: float
 
     def line(self, now, q):
         if now >= self.end:
