@@ -198,6 +198,22 @@ def twist(v, w=(0, 0, 0), frame="base_link", stamp=None):
     return (stamp, frame), (tuple(map(float, v)), tuple(map(float, w)))
 
 
+def pose(p, x):
+    return (None, "base_link"), (tuple(map(float, p)), tuple(map(float, x)))
+
+
+def jog(names, *speeds):
+    return (None, ""), tuple(names.split()), (), speeds, 0.0
+
+
+def point(q, t):
+    return tuple(map(float, q)), (), (), (), (int(t), int(t % 1 * 1e9))
+
+
+def path(*points, names=JOINTS):
+    return ((0, 0), ""), tuple(names), points
+
+
 def test_twists_and_poses_lead_through_a_wrist_lock(store, tmp_path):
     with _face(store, tmp_path, *_steered("--ros2=rate=500,units")) as face:
         state = face.until("joint_states")
@@ -229,9 +245,9 @@ def test_twists_and_poses_lead_through_a_wrist_lock(store, tmp_path):
         turn = rotation_log(rotation_of(x) @ rotation_of(y).T)
         for part in np.linspace(0, 1, 40):
             at, to = p + part * (goal - p), quaternion(rotation_exp(part * turn) @ rotation_of(y))
-            pose = (None, "base_link"), (tuple(map(float, at)), (*map(float, to[1:]), float(to[0])))
-            face.send(POSE, pose, seconds=0.05)
-        face.push(POSE, pose, lambda wrist: abs(wrist - NEAR_LOCK[4]) < 1e-3)
+            last = pose(at, np.roll(to, -1))
+            face.send(POSE, last, seconds=0.05)
+        face.push(POSE, last, lambda wrist: abs(wrist - NEAR_LOCK[4]) < 1e-3)
         assert norm(face.hand()[0] - goal) < 1e-3 and abs(face.hand()[1] @ x) > 1 - 1e-5
         # A frame of a link, turned about the hand: the place stays.
         face.send(TWIST, twist([0, 0, 0], [0, 0, 0.5], frame="tool0"), seconds=0.5)
@@ -246,19 +262,17 @@ def test_only_timely_commands_that_can_be_followed_move_the_arm(store, tmp_path)
         start = face.rests()
         still = lambda: np.abs(face.rests() - start).max() < 1e-3
         long_ago, fine = (int(now()) - 1, 0), twist([0.05, 0, 0])
-        point = lambda q, t, v=(): (tuple(map(float, q)), tuple(map(float, v)), (), (), (int(t), int(t % 1 * 1e9)))
-        path = lambda *points, names=JOINTS: (((0, 0), ""), tuple(names), points)
         refused = [
             (TWIST, twist([0.05, 0, 0], stamp=(0, 0)), "its stamp is 0"),
             (TWIST, twist([0.05, 0, 0], stamp=long_ago), "valid for 0.1 s"),
             (TWIST, twist([0.05, nan, 0]), "a NaN"),
             (TWIST, twist([0.05, 0, 0], frame="nowhere"), "frame_id is 'nowhere'"),
             (TWIST, twist([0.05, 0, 0], frame=""), "frame_id is ''"),
-            (POSE, ((None, "base_link"), ((0.3, 0.2, nan), (0.0, 0.0, 0.0, 1.0))), "a NaN"),
-            (POSE, ((None, "base_link"), ((0.3, 0.2, 0.3), (0.0, 0.0, 0.0, 0.0))), "norm 0.0000"),
-            (JOG, ((None, ""), ("knee",), (), (0.1,), 0.0), "it names knee"),
-            (JOG, ((None, ""), ("elbow", "elbow"), (), (0.1, 0.1), 0.0), "a joint twice"),
-            (JOG, ((None, ""), ("elbow",), (), (), 0.0), "0 velocities"),
+            (POSE, pose((0.3, 0.2, nan), (0, 0, 0, 1)), "a NaN"),
+            (POSE, pose((0.3, 0.2, 0.3), (0, 0, 0, 0)), "norm 0.0000"),
+            (JOG, jog("knee", 0.1), "it names knee"),
+            (JOG, jog("elbow elbow", 0.1, 0.1), "a joint twice"),
+            (JOG, jog("elbow"), "0 velocities"),
             (PATH, path(point(start[:5], 1)), "each point needs 6"),
             (PATH, path(point(start + 0.1, 1), names=JOINTS[:5]), "5 of the arm's 6"),
             (PATH, path(point(start, 1), point(start, 1)), "its times must rise"),
@@ -300,16 +314,15 @@ def test_joints_jog_and_follow_a_table(store, tmp_path):
         face.until("joint_states")
         start = face.rests()
         # Without units, 1.0 is 0.5 rad/s.
-        face.send(JOG, ((None, ""), ("elbow", "wrist_3"), (), (0.4, -0.2), 0.0), seconds=1.5, hz=50)
+        face.send(JOG, jog("elbow wrist_3", 0.4, -0.2), seconds=1.5, hz=50)
         moved = face.rests() - start
         assert 0.1 < moved[2] < 0.36 and abs(moved[5] + moved[2] / 2) < 0.02 and np.abs(moved[[0, 1, 3, 4]]).max() < 1e-3
         # The elbow's limit is π: all joints stand with 0.1 rad to it.
-        face.send(JOG, ((None, ""), ("elbow", "wrist_3"), (), (1.0, 0.1), 0.0), seconds=4.5, hz=50)
+        face.send(JOG, jog("elbow wrist_3", 1.0, 0.1), seconds=4.5, hz=50)
         assert 0.08 < np.pi - face.rests()[2] < 0.13
         order = [3, 0, 5, 1, 4, 2]
         points = [(start, 4), (start + 0.2, 6), (start - [0.1, 0, 0.1, 0, 0.1, 0], 9)]
-        rows = [(tuple(map(float, q[order])), (), (), (), (int(t), int(t % 1 * 1e9))) for q, t in points]
-        face.send(PATH, (((0, 0), ""), tuple(JOINTS[i] for i in order), tuple(rows)))
+        face.send(PATH, path(*(point(q[order], t) for q, t in points), names=[JOINTS[i] for i in order]))
         sent, passed = monotonic(), {}
         for q, t in points:
             time.sleep(max(0, sent + t + 0.05 - monotonic()))
@@ -317,9 +330,9 @@ def test_joints_jog_and_follow_a_table(store, tmp_path):
         assert passed[4] < 0.3 and passed[6] < 0.1, passed
         assert np.abs(face.rests() - points[-1][0]).max() < 2e-3
         # Without points, it ends at once.
-        face.send(PATH, (((0, 0), ""), tuple(JOINTS), (((*map(float, start),), (), (), (), (5, 0)),)))
+        face.send(PATH, path(point(start, 5)))
         time.sleep(1)
-        face.send(PATH, (((0, 0), ""), (), ()))
+        face.send(PATH, path(names=()))
         assert np.abs(face.rests() - start).max() > 0.02
 
 
