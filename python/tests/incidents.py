@@ -13,8 +13,8 @@ import json
 import sys
 import tempfile
 import tomllib
-import xml.etree.ElementTree as ElementTree
 from pathlib import Path
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -46,32 +46,25 @@ class Arm:
     """An arm in MuJoCo: the chain from the root to `tip`, all other joints fixed, no contacts."""
 
     def __init__(self, name, tip, path):
-        self.name, self.tip, root = name, tip, ElementTree.parse(path).getroot()
-        parents = {joint.find("child").get("link"): joint for joint in root.findall("joint")}
-        chain, link = [], tip
-        while link in parents:
-            chain.insert(0, parents[link])
-            link = chain[0].find("parent").get("link")
-        for joint in {*parents.values()} - {*chain}:
-            joint.set("type", "fixed")
-        for parent in [*root]:
-            for child in [*parent]:
-                if child.tag in ("visual", "collision", "mimic"):
-                    parent.remove(child)
-        root.append(ElementTree.fromstring('<mujoco><compiler fusestatic="false" discardvisual="true" balanceinertia="true" boundmass="0.3" boundinertia="0.003"/></mujoco>'))
-        moving = [joint for joint in chain if joint.get("type") != "fixed"]
-        stated = lambda key: np.array([float(getattr(joint.find("limit"), "attrib", {}).get(key) or 0) for joint in moving])
-        self.model = m = mujoco.MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode"))
+        self.name, self.tip, self.joints, spec = name, tip, [], mujoco.MjSpec.from_file(str(path))
+        body, c = spec.body(tip), spec.compiler
+        while body.parent is not None:
+            self.joints[:0] = [joint.name for joint in body.joints]
+            body = body.parent
+        for one in [*spec.geoms, *spec.meshes, *spec.equalities, *(joint for joint in spec.joints if joint.name not in self.joints)]:
+            spec.delete(one)
+        c.fusestatic, c.discardvisual, c.balanceinertia, c.boundmass, c.boundinertia = False, True, True, 0.3, 0.003
+        self.model = m = spec.compile()
         self.dt, self.gains = DT, (900, 60)
         m.opt.timestep, m.opt.integrator = DT, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         m.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
         m.dof_armature[:] += 0.02
         m.dof_damping[:], m.dof_frictionloss[:] = 0.3, 0
-        self.joints, self.n, self.body, self.asked = [joint.get("name") for joint in moving], m.nv, m.body(tip).id, mujoco.MjData(m)
-        self.speed, effort = stated("velocity"), stated("effort")
+        self.n, self.body, self.asked = m.nv, m.body(tip).id, mujoco.MjData(m)
+        limits = {joint.get("name"): getattr(joint.find("limit"), "attrib", {}) for joint in ElementTree.parse(path).findall("joint")}
+        self.speed, effort = (np.array([float(limits[joint].get(key) or 0) for joint in self.joints]) for key in ("velocity", "effort"))
         self.effort = np.where(effort == 0, 1e6, effort)
-        turning = [joint.get("type") == "continuous" for joint in moving]
-        self.lower, self.upper = (np.where(turning, side, bound) for side, bound in zip((-1e3, 1e3), m.jnt_range.T))
+        self.lower, self.upper = (np.where(m.jnt_limited, bound, side) for side, bound in zip((-1e3, 1e3), m.jnt_range.T))
         reach = max(np.abs(self.J(np.zeros(self.n))[:3]).max(), 0.2)
         self.length, self.scale = reach / 2, np.r_[np.full(3, reach / 2), np.ones(3)]
         # A load at the hand that its shoulder cannot carry.
