@@ -1,12 +1,11 @@
 """The answer about one log."""
 
-import functools
 import json
 
 import numpy as np
 
 from .causes import find
-from .columns import Log, Stream, choose, useful
+from .columns import Log, Stream, choose
 from .logs import LogError, read
 from .motion import motion_of
 from .robot import Robot
@@ -24,16 +23,12 @@ def autopsy(path, robot, tip=None, mapping=None, episode=None, picture=None):
     `robot`: a `Robot`, a built-in name, the path of a URDF or MJCF file, or `None` for the one in the log. `mapping`: {role of `ROLES`: [columns]}.
     `picture`: where to save one. Raises `LogError` or ValueError with one sentence where the log or the robot cannot be read.
     """
-    mapping = mapping or {}
-    if robot is None:
-        source = read(path, episode)
-        if source.urdf is None:
-            raise LogError(f"{source.name} holds no /robot_description: name the arm by --robot")
-        robot = Robot("the log's robot", tip, source.urdf)
-    else:
-        robot = robot if isinstance(robot, Robot) else Robot(robot, tip)
-        source = read(path, episode, functools.partial(useful, robot=robot, mapping=mapping))
-    log, found = choose(source, robot, mapping), []
+    source = read(path, episode)
+    if robot is None and source.urdf is None:
+        raise LogError(f"{source.name} holds no /robot_description: name the arm by --robot")
+    if not isinstance(robot, Robot):
+        robot = Robot(robot or "the log's robot", tip, None if robot else source.urdf)
+    log, found = choose(source, robot, mapping or {}), []
     # A long log's columns are in memory once.
     source.tables.clear()
     for piece in _pieces(log):

@@ -63,15 +63,6 @@ def tokens(name):
     return [one.lower() for one in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", name)]
 
 
-def useful(names, robot, mapping):
-    """The columns of a file that can be time or part of a signal, in their order; all of them where there is no position or no time."""
-    groups = [*_joint_groups("", names, robot), *_hand_groups("", names)]
-    clocks = {name for name in names if _TIME & {*tokens(name)} or tokens(name) in _TICK}
-    roles = {role for role, _, _ in groups} | {*mapping} | ({"t"} if clocks else set())
-    found = clocks | {name for _, _, group in groups for name in group} | {name for wanted in mapping.values() for name in _matching(wanted, names)}
-    return [name for name in names if name in found] if "t" in roles and roles & {"q", "q_cmd"} else names
-
-
 def _matching(wanted, names):
     """The names in the order of the names or patterns that are wanted."""
     return [name for one in wanted for name in ([one] if one in names else fnmatch.filter(names, one))]

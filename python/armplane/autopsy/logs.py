@@ -72,8 +72,8 @@ def _bags(path):
     return sorted([*path.glob("*.db3"), *path.glob("*.mcap")], key=lambda part: (number(part), part.name))
 
 
-def read(path, episode=None, useful=list):
-    """The `Source` at a path that `find` has returned. `useful` gives those of a file's columns by their names that are worth reading."""
+def read(path, episode=None):
+    """The `Source` at a path that `find` has returned."""
     path = pathlib.Path(path)
     is_set, kind = (path / _LEROBOT).is_file(), path.suffix.lower()
     files = _bags(path) if path.is_dir() else [path]
@@ -85,10 +85,10 @@ def read(path, episode=None, useful=list):
         raise LogError(f"{path} is of no known kind: give a {', '.join(KINDS)} file, or the folder of a rosbag2 or LeRobot recording")
     try:
         if is_set:
-            return _lerobot(path, episode or 0, useful)
+            return _lerobot(path, episode or 0)
         if path.is_dir() or kind in (".mcap", ".db3"):
             return _bag(path, files)
-        return _parquet(path, useful) if kind == ".parquet" else _csv(path, useful)
+        return _parquet(path) if kind == ".parquet" else _csv(path)
     except LogError:
         raise
     except ImportError as error:
@@ -101,7 +101,7 @@ def _words(error):
     return " ".join(str(error).split())[:160] or type(error).__name__
 
 
-def _csv(path, useful):
+def _csv(path):
     from pyarrow import csv
 
     with open(path, "rb") as file:
@@ -120,21 +120,18 @@ def _csv(path, useful):
     broken = []
     how = csv.ReadOptions(use_threads=False, skip_rows=skip, autogenerate_column_names=not is_named, block_size=8 << 20)
     form = csv.ParseOptions(delimiter=mark, invalid_row_handler=lambda row: broken.append(row) or "skip")
-    with csv.open_csv(path, how, form) as begin:
-        names = list(useful(begin.schema.names))
-    broken.clear()
-    table = csv.read_csv(path, how, form, csv.ConvertOptions(null_values=[""], strings_can_be_null=True, decimal_point=point, include_columns=names))
+    table = csv.read_csv(path, how, form, csv.ConvertOptions(null_values=[""], strings_can_be_null=True, decimal_point=point))
     notes = [f"{len(broken)} rows have too few or too many fields, and were left out."] if broken else []
     return Source(path.name, _tables(path, table), notes=notes)
 
 
-def _parquet(path, useful, episode=None, names=None):
+def _parquet(path, episode=None, names=None):
     from pyarrow import compute, parquet, types
 
     file = parquet.ParquetFile(path)
-    lists = [one.name for one in file.schema_arrow if types.is_list(one.type) or types.is_fixed_size_list(one.type)]
-    wanted = {*lists, *useful(file.schema_arrow.names), "episode_index"}
-    table = file.read([name for name in file.schema_arrow.names if name in wanted][:_COLUMNS], use_threads=False)
+    # Not the pictures of a data set.
+    known = [one.name for one in file.schema_arrow if not (types.is_struct(one.type) or types.is_binary(one.type) or types.is_large_binary(one.type))]
+    table = file.read(known[:_COLUMNS], use_threads=False)
     if episode is not None and "episode_index" in table.column_names:
         table = table.filter(compute.equal(table["episode_index"], episode))
     return Source(path.name, _tables(path, table, names))
@@ -184,10 +181,10 @@ def _info(path):
         raise LogError(f"{path}/{_LEROBOT} is not that of a LeRobot data set: {_words(error)}") from None
 
 
-def _lerobot(path, episode, useful):
+def _lerobot(path, episode):
     info, files = _info(path), sorted(path.glob("data/**/*.parquet"))
     for file in [file for file in files if file.stem == f"episode_{episode:06}"] or files:
-        source = _parquet(file, useful, episode, info["names"])
+        source = _parquet(file, episode, info["names"])
         if any(len(values) for table in source.tables for values in table.columns.values()):
             source.name, source.fps = f"{path.name}:{episode}", float(info.get("fps") or 0) or None
             return source
