@@ -1,6 +1,5 @@
 """Listens to a run in progress from outside: its topics are iceoryx2 services. Needs `pip install iceoryx2==0.10.0`."""
 
-import json
 import os
 import pathlib
 import time
@@ -10,21 +9,15 @@ import iceoryx2
 from . import wire
 
 
-def runs():
-    """The folders of this user's runs in progress, the latest last."""
-    found = [path.parent for path in pathlib.Path("/dev/shm").glob("armplane-*/manifest.json")]
-    return [str(path) for path in sorted(found, key=lambda path: path.stat().st_mtime)]
-
-
 class Subscriber:
     """The messages of one topic of a run in progress, by default the newest. Each topic has room for two such listeners."""
 
     def __init__(self, topic, run=None, depth=64):
         if run is None:
-            living = runs()
+            living = [path.parent for path in pathlib.Path("/dev/shm").glob("armplane-*/manifest.json")]
             if not living:
                 raise FileNotFoundError("no run of armplane is alive")
-            run = living[-1]
+            run = str(max(living, key=lambda path: path.stat().st_mtime))
         structure, type_name, _ = wire.TOPICS[topic]
         # iceoryx2 compares name, size and alignment of the type; the name has the version of the layout in it.
         structure.type_name = staticmethod(lambda: type_name)
@@ -57,8 +50,3 @@ class Subscriber:
                 time.sleep(1e-3)
             else:
                 return
-
-    def job(self):
-        """The job of the run."""
-        return json.loads(pathlib.Path(self.run, "job.json").read_text())
-
