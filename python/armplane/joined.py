@@ -4,7 +4,7 @@ import ctypes
 import functools
 import json
 import os
-import pathlib
+from pathlib import Path
 import threading
 
 from . import wire
@@ -12,7 +12,7 @@ from .results import _program
 
 _ABI = 1
 _TICK, _LOOKED = 1, -2
-_HERE = pathlib.Path(__file__).parent
+_HERE = Path(__file__).parent
 
 
 class ProcessError(Exception):
@@ -57,7 +57,7 @@ leave: int void*
 @functools.lru_cache(maxsize=None)
 def _library():
     """The library of the program `armplane` that has started this one, or of the wheel. Its calls release Python's lock."""
-    program = pathlib.Path(_program()).parent
+    program = Path(_program()).parent
     built = [program / part / "libarmplane_process.so" for part in ("", "deps")]
     places = [*built, _HERE / "libarmplane-process.so", program.parent / "lib/libarmplane-process.so"]
     place = next((place for place in places if place.is_file()), None)
@@ -104,7 +104,7 @@ class Joined:
             # Kept: the library calls it.
             self._look = _Look(looks.send)
             self._call("look_out", self._look, None)
-        self.job = json.loads(pathlib.Path(self.folder, "job.json").read_text())
+        self.job = json.loads(Path(self.folder, "job.json").read_text())
         declared = {topic["name"]: topic for topic in self.job["graph"].get("topic", ())}
         self.inputs, self.outputs, self._inputs = {}, {}, {}
         while described := self._call("topic_at", len(self.inputs) + len(self.outputs)):
@@ -185,4 +185,4 @@ class Joined:
 
     def mjcf(self):
         """The arm of the run in MJCF, in base axes. The site `end_effector` is the end-effector, a key the start, a joint's `user` its speed limit."""
-        return pathlib.Path(self.folder, "arm.xml").read_text()
+        return Path(self.folder, "arm.xml").read_text()
