@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::file::Complaint;
 use crate::graph::Graph;
 use crate::scenario::Scenario;
+use crate::summary::FaultSummary;
 
 /// Name of the file of a job in a run's directory and in its results folder.
 pub const JOB: &str = "job.json";
@@ -77,6 +78,9 @@ pub struct Job {
     /// The run that it goes on from; `None`: it begins with tick 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub from: Option<Branch>,
+    /// Deaths before this start of its processes, for a launcher that goes on after the death of this one.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub deaths: Vec<FaultSummary>,
 }
 
 /// The place at which a run goes on from another one.

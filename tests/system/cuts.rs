@@ -10,12 +10,22 @@ const MOTION: &str = "name = \"motion\"\nrobot = \"puma560\"\nstart.posture = \"
 /// Messages held back and lost, a joint's drive that is weak, and a process that is absent.
 const FAULTS: &str = "[[fault]]\nprocess = \"estimator\"\nkind = \"delay\"\nat_tick = 600\nfor_ticks = 40\ndelay_ticks = 3\n\n[[fault]]\nprocess = \"plant\"\nkind = \"drive\"\nas = \"friction\"\njoint = 2\namount = 0.01\nat_tick = 900\nfor_ticks = 1500\n\n[[fault]]\nprocess = \"controller\"\nkind = \"kill\"\nat_tick = 1300\n\n[[fault]]\nprocess = \"analyzer\"\nkind = \"drop\"\nat_tick = 2500\nfor_ticks = 5\n";
 
+/// Which faults of a run happened.
+fn occurred(run: &Value) -> Vec<(&Value, &Value)> {
+    let faults = run["faults"].as_array().expect("faults");
+    let faults = faults.iter().filter(|fault| !fault["plan"].is_null());
+    faults
+        .map(|fault| (&fault["tick"], &fault["occurred"]))
+        .collect()
+}
+
 /// Goes on from these ticks of the run in `whole`, which has these results.
 fn goes_on(desk: &Desk, whole: &Value, ticks: impl Iterator<Item = u64>) {
     for tick in ticks {
         let again = desk.run(&format!("--from whole@{tick} --out again"));
         assert_eq!(again["topics"], whole["topics"], "from {tick}");
         assert_eq!(again["task"], whole["task"], "from {tick}");
+        assert_eq!(occurred(&again), occurred(whole), "from {tick}");
         again.holds(&format!(r#"{{"recorder/lost": 0, "from/tick": {tick}}}"#));
     }
 }
@@ -92,6 +102,17 @@ fn what_cannot_go_on_is_refused() {
             "segment 0",
         ),
     ]);
+    let record = std::fs::read(desk.at("whole/messages.mcap")).unwrap();
+    desk.file("whole/messages.mcap", &record[..record.len() / 100 * 35]);
+    desk.refuses(
+        2,
+        "run --from whole@1290 --set control.k_p=300",
+        "ends at tick",
+    );
+    let scenario = desk.read("whole/scenario.toml");
+    let (_, edited) = scenario.split_once('\n').unwrap();
+    desk.file("whole/scenario.toml", edited);
+    desk.refuses(2, "run --from whole@1000", "edited");
 }
 
 /// Kills the launcher of the run in `whole` once it has done so many ticks, each time, and goes on. Returns how many were killed in time.
@@ -113,6 +134,7 @@ fn survives(desk: &Desk, whole: &Value, ticks: impl Iterator<Item = u64>) -> usi
             let summary = said.json();
             assert_eq!(summary["topics"], whole["topics"], "{least}");
             assert_eq!(summary["task"], whole["task"], "{least}");
+            assert_eq!(occurred(&summary), occurred(whole), "{least}");
             killed += 1;
         }
         let left = std::fs::read_dir("/dev/shm").unwrap().flatten();

@@ -93,6 +93,11 @@ impl Launcher {
         &self.started.plan.begin
     }
 
+    /// The deaths in lockstep so far, but for planned ones.
+    pub fn deaths(&self) -> &[Death] {
+        &self.course.deaths
+    }
+
     /// Starts all processes, watches them to the end, stops them and removes the run's directory.
     ///
     /// # Errors

@@ -15,6 +15,7 @@ use crate::failure::Failure;
 use crate::load;
 use crate::origin::{self, Past};
 use crate::progress::{Observer, Progress};
+use crate::summary::death;
 
 /// Memory for the recorder's part of the summary, taken before the first process starts; bytes.
 const ACCOUNT_BYTES: usize = 256 * 1024;
@@ -174,7 +175,7 @@ pub fn launch_watched(
 /// The newest cut in the record of a job's run from which a run with these faults goes on.
 fn newest_cut(job: &Job, faults: &FaultTable) -> Option<launcher::Begin> {
     let record = job.out.join(recorder::MESSAGES);
-    if !job.record || !record.exists() {
+    if !job.record {
         return None;
     }
     let faults: Vec<_> = faults.records().map(|(_, fault)| fault.scheduled).collect();
@@ -214,6 +215,11 @@ impl Start {
         let name = run_dir.file_name().unwrap_or_default();
         let job = Job {
             run: name.to_string_lossy().into_owned(),
+            deaths: [
+                &job.deaths[..],
+                &launcher.deaths().iter().map(death).collect::<Vec<_>>(),
+            ]
+            .concat(),
             ..job.clone()
         };
         let account_path = run_dir.join(recorder::SUMMARY);

@@ -548,6 +548,7 @@ pub fn job(robot: &Robot, scenario: Scenario, graph: Graph, mode: Mode, out: Pat
         scenario,
         graph,
         from: None,
+        deaths: Vec::new(),
     }
 }
 

@@ -4,6 +4,7 @@ use std::fs::File;
 use std::io::{BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
+use std::time::Instant;
 
 use launcher::Begin;
 use recorder::{Contents, Cut, Item, MESSAGES, RecordReader, RecordWriter, tick_of};
@@ -12,11 +13,14 @@ use serde_json::Value;
 use shared_types::ControlState;
 use shared_types::fault::ScheduledFault;
 use shared_types::job::{Branch, Job, Mode};
+use shared_types::summary::{FaultSummary, Pace, Summary};
+use shared_types::topics::CHAIN;
 
 use crate::failure::Failure;
 use crate::load::{self, Loaded};
 use crate::results::SCENARIO;
 use crate::runs::Run;
+use crate::seal;
 
 /// A tick of a run, `RUN@TICK`.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -53,7 +57,70 @@ pub(crate) struct Origin {
     job: Job,
     record: PathBuf,
     begin: Begin,
+    faults: Vec<FaultSummary>,
     pub(crate) branch: Branch,
+}
+
+/// What a run that goes on knows of the ticks before.
+pub(crate) struct Earlier {
+    /// The tick from which it goes on.
+    tick: u64,
+    /// The account of the faults until then.
+    faults: Vec<FaultSummary>,
+    began: Instant,
+}
+
+impl Earlier {
+    /// Of a run that begins now.
+    pub(crate) fn new(tick: u64, faults: Vec<FaultSummary>) -> Self {
+        Self {
+            tick,
+            faults,
+            began: Instant::now(),
+        }
+    }
+
+    /// Completes the summary of the run: faults that happened before it, and the pace of its own ticks.
+    pub(crate) fn complete(&self, summary: &mut Summary) {
+        if self.tick == 0 {
+            return;
+        }
+        for fault in &mut summary.faults {
+            let known = |earlier: &&FaultSummary| {
+                earlier.plan.is_some() && (earlier.tick, &earlier.plan) == (fault.tick, &fault.plan)
+            };
+            if fault.tick < self.tick
+                && let Some(earlier) = self.faults.iter().find(known)
+            {
+                fault.clone_from(earlier);
+            }
+        }
+        let wall_s = self.began.elapsed().as_secs_f64();
+        summary.pace = Pace {
+            wall_s,
+            ticks_per_s: summary.ticks.saturating_sub(self.tick) as f64 / wall_s,
+        };
+    }
+}
+
+/// The command that repeats a branch.
+pub(crate) fn command(branch: &Branch) -> String {
+    let settings = branch.settings.iter();
+    let settings: String = settings.map(|one| format!(" --set {one:?}")).collect();
+    format!(
+        "armplane run --from {:?}{settings}",
+        format!("{}@{}", branch.run, branch.tick)
+    )
+}
+
+/// The branch with other settings of which a scenario file is; `None` of any other.
+pub(crate) fn branch_of(scenario: &str) -> Option<Branch> {
+    let path = Path::new(scenario);
+    let run = Run {
+        folder: path.parent()?.to_owned(),
+    };
+    let job = (path.file_name()? == SCENARIO).then(|| run.read_job().ok())??;
+    job.from.filter(|branch| !branch.settings.is_empty())
 }
 
 /// Settings that a branch cannot change, because the arm and its start are those of the run.
@@ -82,6 +149,7 @@ pub(crate) fn begin_at(place: &Place, settings: &[String]) -> Result<(Loaded, Or
     let planned = faults(before.as_ref().unwrap_or(&loaded))?;
     let record = run.folder.join(MESSAGES);
     let begin = newest_cut(&record, &job, &planned, place.tick)?;
+    let cut = begin.tick;
     let begin = match &before {
         None => begin,
         Some(before) => {
@@ -101,9 +169,9 @@ pub(crate) fn begin_at(place: &Place, settings: &[String]) -> Result<(Loaded, Or
             advance(place.tick, begin, before, &loaded, &planned).map_err(|why| refuse(&why))?
         }
     };
-    if let Some(tick) = damaged_before(&record, &job, begin.tick)? {
+    if let Some(gap) = gap_before(&record, &job, begin.tick, cut)? {
         return Err(refuse(&format!(
-            "{MESSAGES} is damaged at tick {tick}, before tick {}: go on from an earlier tick, or run it again",
+            "{MESSAGES} {gap}, before tick {}: go on from an earlier tick, or run it again",
             begin.tick
         )));
     }
@@ -116,6 +184,7 @@ pub(crate) fn begin_at(place: &Place, settings: &[String]) -> Result<(Loaded, Or
         job,
         record,
         begin,
+        faults: run.summary()?.faults,
         branch,
     };
     Ok((loaded, origin))
@@ -131,10 +200,15 @@ fn recorded(place: &Place) -> Result<(Run, Job), Failure> {
             "it ran in real time, and no run in real time comes again: run it in lockstep",
         ));
     }
-    if !job.record {
-        return Err(refuse(
-            "it has no record to go on from (--no-record): run it again",
-        ));
+    if !job.record || !run.folder.join(MESSAGES).exists() {
+        return Err(refuse(&format!(
+            "it has no record to go on from ({MESSAGES}): run it again"
+        )));
+    }
+    if !seal::is_sealed(&load::read(&run.folder.join(SCENARIO))?) {
+        return Err(refuse(&format!(
+            "its {SCENARIO} has been edited, and its record is of another one: run it from the beginning, or change settings by --set"
+        )));
     }
     let ticks = run.summary()?.ticks;
     if !(1..ticks).contains(&place.tick) {
@@ -170,20 +244,39 @@ fn branched_after(job: &Job, tick: u64) -> Option<Branch> {
         .find(|branch| !branch.settings.is_empty() && tick < branch.tick)
 }
 
-/// The first tick before another one at which a record is damaged.
+/// The reason that a record does not hold all messages before a tick, in words: it is damaged, or ends. `cut`: the newest of its cuts before that tick,
+/// until which it is whole.
 ///
 /// # Errors
 /// [`Failure::Input`] if it cannot be read.
-fn damaged_before(record: &Path, job: &Job, tick: u64) -> Result<Option<u64>, Failure> {
+fn gap_before(record: &Path, job: &Job, tick: u64, cut: u64) -> Result<Option<String>, Failure> {
     if tick == 0 {
         return Ok(None);
     }
-    let mut record = RecordReader::open(record, &Contents::of(job)).map_err(Failure::input)?;
-    while record.next_item().is_some() {}
-    Ok(record.damage().iter().copied().find(|at| *at < tick))
+    let contents = Contents::of(job);
+    let mut record = RecordReader::open(record, &contents).map_err(Failure::input)?;
+    let mut next = vec![0; contents.layouts().len()];
+    while let Some(item) = record.next_item() {
+        if let Item::Message { channel, message } = item
+            && let Some(next) = next.get_mut(channel)
+        {
+            *next = tick_of(message) + 1;
+        }
+    }
+    if let Some(at) = record.damage().iter().find(|at| **at < tick) {
+        return Ok(Some(format!("is damaged at tick {at}")));
+    }
+    // Of the topics that have a message at each tick.
+    let ends = CHAIN.iter().filter_map(|topic| contents.channel(topic));
+    let end = ends
+        .map(|channel| next[channel])
+        .min()
+        .unwrap_or(tick)
+        .max(cut);
+    Ok((end < tick).then(|| format!("ends at tick {end}")))
 }
 
-/// The newest cut of a job's record, not after a tick, from which a run with these faults goes on; the beginning of the run if there is none.
+/// The newest cut of a job's record, not after a tick, from which a run with these faults goes on; the beginning of the run if there is none, or no record.
 ///
 /// # Errors
 /// [`Failure::Input`] if the record cannot be read.
@@ -193,6 +286,9 @@ pub(crate) fn newest_cut(
     faults: &[ScheduledFault],
     last: u64,
 ) -> Result<Begin, Failure> {
+    if !record.exists() {
+        return Ok(Begin::default());
+    }
     let contents = Contents::of(job);
     let is_usable = |tick| tick <= last && !faults.iter().any(|fault| fault.unsettles(tick));
     let newest = |is_usable: &dyn Fn(u64) -> bool| {
@@ -415,6 +511,11 @@ impl Origin {
             })
             .map_err(Failure::work)?;
         Ok(self.begin.clone())
+    }
+
+    /// What the run that goes on knows of this one.
+    pub(crate) fn earlier(&self) -> Earlier {
+        Earlier::new(self.begin.tick, self.faults.clone())
     }
 
     /// Another run does not take the folder of this one.

@@ -8,14 +8,14 @@ use recorder::MESSAGES;
 use runtime::{ControlPage, MAX_PROCESSES, RunDir, SHM};
 use shared_types::graph::Process;
 use shared_types::job::{JOB, Job, Mode};
-use shared_types::summary::{INTERRUPTED, Summary};
+use shared_types::summary::{FaultSummary, INTERRUPTED, Summary};
 
 use crate::drawing::draw_results;
 use crate::export::joined;
 use crate::failure::Failure;
 use crate::launch::{interrupts, launch_begun};
 use crate::machine::machine;
-use crate::origin::newest_cut;
+use crate::origin::{Earlier, newest_cut};
 use crate::plan::plan;
 use crate::progress::{Observer, Progress};
 use crate::results::{Results, SUMMARY, keep};
@@ -128,13 +128,21 @@ pub fn go_on(
     unread: fn() -> BTreeMap<String, u64>,
     observer: Observer<'_>,
 ) -> Result<Finished, Failure> {
-    let Remains { results, job, .. } = remains;
+    let Remains {
+        results, mut job, ..
+    } = remains;
     let signals = interrupts()?;
     let mut plan = plan(&job)?;
+    let mut faults = Vec::new();
     // Those that were given while it ran, too, as far as they are known.
     if let Some(page) = left_in_shared_memory(&job.run) {
-        let records = page.fault_table().records();
-        plan.faults = records.map(|(_, record)| record.scheduled).collect();
+        let records: Vec<_> = page.fault_table().records().collect();
+        plan.faults = records.iter().map(|(_, record)| record.scheduled).collect();
+        faults.extend(
+            records
+                .iter()
+                .map(|(_, record)| fault_summary(&job, record)),
+        );
     }
     remove_left(&job.run);
     plan.begin = newest_cut(&results.folder.join(MESSAGES), &job, &plan.faults, u64::MAX)?;
@@ -143,12 +151,14 @@ pub fn go_on(
         "armplane: goes on from tick {from}"
     )));
     results.reserve(&job)?;
-    let launched = launch_begun(&job, plan, &mut |_| Ok(()), observer)?;
     let killed = format!("the launcher was killed; the run went on from tick {from}");
+    job.deaths.push(detected("launcher", from, "kill", killed));
+    let earlier = Earlier::new(from, faults);
+    let launched = launch_begun(&job, plan, &mut |_| Ok(()), observer)?;
     let complete = |summary: &mut Summary| {
         add_unread(summary, unread);
-        let death = detected("launcher", from, "kill", killed);
-        summary.faults.push(death);
+        add_deaths(summary, &job.deaths);
+        earlier.complete(summary);
     };
     Ok(conclude(
         &job,
@@ -159,6 +169,15 @@ pub fn go_on(
         || (),
         observer,
     ))
+}
+
+/// Adds deaths of which only the run's job tells.
+fn add_deaths(summary: &mut Summary, deaths: &[FaultSummary]) {
+    for process in &mut summary.processes {
+        let own = deaths.iter().filter(|death| death.process == process.name);
+        process.restarts += own.count() as u32;
+    }
+    summary.faults.extend_from_slice(deaths);
 }
 
 /// Why the run did not come to its end; `done`: the ticks that it has done, where that is still known.
@@ -194,6 +213,7 @@ fn add_shared_memory(summary: &mut Summary, job: &Job, page: Option<&ControlPage
     summary.faults = faults
         .map(|(_, record)| fault_summary(job, &record))
         .collect();
+    add_deaths(summary, &job.deaths);
     if !summary.completed {
         let killed = "the launcher was killed".to_owned();
         let killed = detected("launcher", summary.ticks, "kill", killed);

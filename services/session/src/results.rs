@@ -19,6 +19,7 @@ use shared_types::{Message, Target, TargetContent};
 
 use crate::failure::Failure;
 use crate::load;
+use crate::origin;
 use crate::runs::Run;
 use crate::seal;
 
@@ -479,7 +480,14 @@ fn repeated(job: &Job, summary: &Summary) -> Result<Vec<(String, Vec<u8>)>, Fail
             toml::to_string(&graph).map_err(Failure::work)?.into_bytes(),
         ));
     }
-    let text = toml::to_string(&scenario).map_err(Failure::work)?;
+    let branch = job.from.iter().filter(|branch| !branch.settings.is_empty());
+    let note = branch.map(|branch| {
+        let command = origin::command(branch);
+        format!(
+            "# Of a branch: `{command}` repeats it. From tick 0 on, this file makes another run.\n"
+        )
+    });
+    let text = note.collect::<String>() + &toml::to_string(&scenario).map_err(Failure::work)?;
     let sealed = seal::line(&text, &files) + &text;
     files.push((SCENARIO.to_owned(), sealed.into_bytes()));
     Ok(files)

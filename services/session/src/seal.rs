@@ -57,6 +57,11 @@ pub(crate) fn open(file: &str, text: String, folder: &Path) -> Result<String, Fa
     Ok(format!("\n{scenario}"))
 }
 
+/// Whether the text of a scenario is sealed.
+pub(crate) fn is_sealed(text: &str) -> bool {
+    text.starts_with(MARK)
+}
+
 /// Whether a first line was a seal, which TOML would take for a comment.
 fn is_damaged(line: &str) -> bool {
     line.contains("delete this line before an edit")

@@ -16,7 +16,7 @@ use crate::drawing::draw_results;
 use crate::failure::Failure;
 use crate::launch::{Begin, interrupts, launch_begun};
 use crate::load::{self, Loaded};
-use crate::origin::{Origin, Place, begin_at};
+use crate::origin::{self, Origin, Place, begin_at};
 use crate::plan::plan;
 use crate::progress::{Observer, Progress};
 use crate::results::Results;
@@ -82,6 +82,13 @@ pub fn run(request: &Request, observer: Observer<'_>) -> Result<Finished, Failur
         let (loaded, origin) = begin_at(place, &request.settings)?;
         return run_from(request, loaded, Some(&origin), &mut begin, observer);
     }
+    if let Some(branch) = origin::branch_of(&request.scenario) {
+        observer(Progress::Line(&format!(
+            "armplane: {} is of a branch, and this run has its settings from tick 0 on: `{}` repeats the branch",
+            request.scenario,
+            origin::command(&branch)
+        )));
+    }
     let graph = request.graph.as_deref();
     let loaded = load::scenario_in(graph, &request.scenario, &request.settings, request.seed)?;
     run_loaded(request, loaded, &mut begin, observer)
@@ -133,6 +140,7 @@ fn run_from(
         say(&format!("goes on from tick {} of {run}", plan.begin.tick));
     }
     let mut live = request.live.then(Live::start).transpose()?;
+    let earlier = origin.map(Origin::earlier);
     let mut begin = |run: &RunDir| {
         live.as_mut()
             .map_or(Ok(()), |live| live.follow(run.path()))?;
@@ -144,7 +152,10 @@ fn run_from(
             say(&sentence);
         }
     };
-    let complete = |summary: &mut Summary| add_unread(summary, request.unread);
+    let complete = |summary: &mut Summary| {
+        add_unread(summary, request.unread);
+        earlier.iter().for_each(|earlier| earlier.complete(summary));
+    };
     Ok(conclude(
         &job,
         &results,

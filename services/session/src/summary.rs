@@ -150,7 +150,7 @@ pub(crate) fn fault_summary(job: &Job, account: &FaultRecord) -> FaultSummary {
 }
 
 /// A death in lockstep, which has cost nothing but time.
-fn death(death: &Death) -> FaultSummary {
+pub(crate) fn death(death: &Death) -> FaultSummary {
     let Death {
         process,
         tick,

@@ -146,7 +146,7 @@ fn loads(f: &mut fmt::Formatter<'_>, summary: &Summary, is_long: bool) -> fmt::R
 }
 
 fn times(f: &mut fmt::Formatter<'_>, summary: &Summary, is_long: bool) -> fmt::Result {
-    let simulated_s = summary.ticks as f64 / f64::from(summary.of.rate_hz.max(1));
+    let rate_hz = f64::from(summary.of.rate_hz.max(1));
     writeln!(
         f,
         "time       {} ticks at {} Hz in {:.2} s: {:.0} ticks/s, {:.1} × real time, {}",
@@ -154,7 +154,7 @@ fn times(f: &mut fmt::Formatter<'_>, summary: &Summary, is_long: bool) -> fmt::R
         summary.of.rate_hz,
         summary.pace.wall_s,
         summary.pace.ticks_per_s,
-        simulated_s / summary.pace.wall_s.max(1e-9),
+        summary.pace.ticks_per_s / rate_hz,
         summary.of.mode
     )?;
     if let Some(chain) = summary.latency_us.get("chain").filter(|_| is_long) {

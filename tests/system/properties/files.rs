@@ -87,6 +87,7 @@ pub fn job() -> String {
         )
         .expect("valid"),
         from: None,
+        deaths: Vec::new(),
     };
     serde_json::to_string(&job).expect("a job can be written")
 }

@@ -44,6 +44,7 @@ fn fixture(count: u64) -> (Job, Robot, Vec<Tick>) {
         dof: robot.dof() as u32,
         graph: Graph::built_in(false).expect("valid"),
         from: None,
+        deaths: Vec::new(),
     };
     (job, robot, ticks)
 }
