@@ -21,10 +21,9 @@ from .lazy import found
 from .process import Controller, Observer, Operator, Plant, Process
 from .results import Run, load, run
 
-_PLACES = {"_armplane": "Arm Law LawState Posture Reference Singularity", "trials": "laws lines trace trial"}
+_PLACES = {"_armplane": ("Arm", "Law", "LawState", "Posture", "Reference", "Singularity"), "trials": ("laws", "lines", "trace", "trial")}
 
-__all__ = ["Controller", "Joined", "Observer", "Operator", "Plant", "Process", "ProcessError", "Run", "load", "run", "subscribe", "wire"]
-__all__ += " ".join(_PLACES.values()).split()
+__all__ = ["Controller", "Joined", "Observer", "Operator", "Plant", "Process", "ProcessError", "Run", "load", "run", "subscribe", "wire", *sum(_PLACES.values(), ())]
 
 
 def subscribe(topic, run=None):

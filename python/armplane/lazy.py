@@ -4,8 +4,8 @@ import importlib
 
 
 def found(package, places, name):
-    """A name of a package; `places`: the names in each of its modules, as one text. For the package's `__getattr__`."""
-    module = next((module for module, names in places.items() if name in names.split()), None)
+    """A name of a package; `places`: the names in each of its modules. For the package's `__getattr__`."""
+    module = next((module for module, names in places.items() if name in names), None)
     if module is None:
         raise AttributeError(f"module {package!r} has no attribute {name!r}")
     return getattr(importlib.import_module(f".{module}", package), name)

@@ -30,10 +30,7 @@ def made(arm, cause, how, style, folder, seed=1):
     rng = np.random.default_rng(seed)
     for _ in range(500):
         try:
-            if cause == incidents.SINGULAR:
-                rows, felt = incidents.singular_incident(arm, rng, how)
-            else:
-                rows, felt = incidents.other_incident(arm, rng, cause, how.split()[0], "beside" in how)
+            rows, felt = incidents.singular_incident(arm, rng, how) if cause == incidents.SINGULAR else incidents.other_incident(arm, rng, cause, *how)
             break
         except incidents.Rejected:
             continue
@@ -41,22 +38,23 @@ def made(arm, cause, how, style, folder, seed=1):
     return incidents.write(log, arm, folder, rng, style), felt, log
 
 
-# Cause; the law, or the motion and whether it is beside a singularity; kind of file.
-MADE = """singularity, dls, csv
-singularity, pinv clamped, mcap
-singularity, servo halt, rosbag2
-singularity, pinv fault, csv degrees
-joint limit, joints, rosbag2 mcap
-speed limit, joints, csv
-gap in the stamps, joints beside, csv
-jump in the command, joints beside, lerobot
-NaN, joints, csv
-oscillation, joints, mcap
-unknown, joints, csv
-none, joints beside, lerobot"""
-
-
-@pytest.mark.parametrize("cause, how, style", [row.split(", ") for row in MADE.splitlines()])
+@pytest.mark.parametrize(
+    "cause, how, style",
+    [
+        ("singularity", "dls", "csv"),
+        ("singularity", "pinv clamped", "mcap"),
+        ("singularity", "servo halt", "rosbag2"),
+        ("singularity", "pinv fault", "csv degrees"),
+        ("joint limit", ("joints", False), "rosbag2 mcap"),
+        ("speed limit", ("joints", False), "csv"),
+        ("gap in the stamps", ("joints", True), "csv"),
+        ("jump in the command", ("joints", True), "lerobot"),
+        ("NaN", ("joints", False), "csv"),
+        ("oscillation", ("joints", False), "mcap"),
+        ("unknown", ("joints", False), "csv"),
+        ("none", ("joints", True), "lerobot"),
+    ],
+)
 def test_the_cause_is_found(arm, tmp_path, cause, how, style):
     path, felt, log = made(arm[0], cause, how, style, tmp_path)
     answer = autopsy.autopsy(path, arm[1], picture=tmp_path / "why.png")
@@ -71,7 +69,7 @@ def test_the_cause_is_found(arm, tmp_path, cause, how, style):
 
 
 def test_another_order_of_joints_is_found_and_another_robot_is_said(arm, tmp_path):
-    path, _, log = made(arm[0], "none", "twist", "csv", tmp_path)
+    path, _, log = made(arm[0], "none", ("twist", False), "csv", tmp_path)
     order = [2, 0, 1, 5, 3, 4]
     pose = [arm[0].pose(q)[0] for q in log["q"]]
     names = [*(f"q{j}" for j in range(6)), "tcp_pose_x", "tcp_pose_y", "tcp_pose_z"]
@@ -109,7 +107,7 @@ def test_many_logs_are_a_table_and_json_lines(arm, tmp_path):
     logs = tmp_path / "logs"
     for k, cause in enumerate(("none", "jump in the command")):
         (logs / str(k)).mkdir(parents=True)
-        path, _, _ = made(arm[0], cause, "joints", "csv", logs / str(k))
+        path, _, _ = made(arm[0], cause, ("joints", False), "csv", logs / str(k))
         pathlib.Path(path).rename(logs / f"{k}.csv")
     command = [sys.executable, *f"-m armplane.autopsy {logs} --robot {arm[1]}".split()]
     done = subprocess.run([*command, "--json"], capture_output=True, text=True, timeout=120)

@@ -84,26 +84,26 @@ def test_a_wrong_argument_is_named_with_what_is_expected():
     law = Law(arm)
     law.step_many(np.zeros((4, 7)), np.zeros((4, 7)))
     cases = [
-        (lambda: law.step(zero[:5], zero), "q |(5,)|(7,)"),
-        (lambda: law.step(zero, zero, np.eye(3)), "pose |(3, 3)|(7,)|(4, 4)"),
-        (lambda: law.step(zero, zero, twist=zero), "twist |(7,)|(6,)"),
-        (lambda: law.step(zero, zero, out=np.zeros(3)), "out |(3,)|(7,)"),
-        (lambda: law.step_many(np.zeros((3, 7)), np.zeros((3, 7))), "q |(3, 7)|(4, 7)"),
-        (lambda: law.step(zero, zero, out=np.zeros(7, int)), "out |float64|(7,)"),
-        (lambda: law.step(zero, zero, out=np.zeros(14)[::2]), "out |(7,)"),
-        (lambda: arm.step_many(zero), "q |(7,)|(N, 7)"),
-        (lambda: Law(arm, dt=0.3), "dt|0.3"),
-        (lambda: Law(arm, settings={"control.kp": 1}), "kp|k_p"),
-        (lambda: Law(arm, q=zero + 9), "joint|9"),
-        (lambda: Arm.builtin("iiwa"), "iiwa|iiwa14"),
-        (lambda: arm.at(["a"] * 7), "q: |'a'"),
-        (lambda: arm.at(0.0), "q |()|(7,)"),
-        (lambda: Arm.from_urdf("nothing.urdf"), "nothing.urdf"),
+        (lambda: law.step(zero[:5], zero), ["q ", "(5,)", "(7,)"]),
+        (lambda: law.step(zero, zero, np.eye(3)), ["pose ", "(3, 3)", "(7,)", "(4, 4)"]),
+        (lambda: law.step(zero, zero, twist=zero), ["twist ", "(7,)", "(6,)"]),
+        (lambda: law.step(zero, zero, out=np.zeros(3)), ["out ", "(3,)", "(7,)"]),
+        (lambda: law.step_many(np.zeros((3, 7)), np.zeros((3, 7))), ["q ", "(3, 7)", "(4, 7)"]),
+        (lambda: law.step(zero, zero, out=np.zeros(7, int)), ["out ", "float64", "(7,)"]),
+        (lambda: law.step(zero, zero, out=np.zeros(14)[::2]), ["out ", "(7,)"]),
+        (lambda: arm.step_many(zero), ["q ", "(7,)", "(N, 7)"]),
+        (lambda: Law(arm, dt=0.3), ["dt", "0.3"]),
+        (lambda: Law(arm, settings={"control.kp": 1}), ["kp", "k_p"]),
+        (lambda: Law(arm, q=zero + 9), ["joint", "9"]),
+        (lambda: Arm.builtin("iiwa"), ["iiwa", "iiwa14"]),
+        (lambda: arm.at(["a"] * 7), ["q: ", "'a'"]),
+        (lambda: arm.at(0.0), ["q ", "()", "(7,)"]),
+        (lambda: Arm.from_urdf("nothing.urdf"), ["nothing.urdf"]),
     ]
     for call, words in cases:
         with pytest.raises(ValueError) as error:
             call()
-        assert all(word in str(error.value) for word in words.split("|")), error.value
+        assert all(word in str(error.value) for word in words), error.value
     assert arm.step_many(np.zeros((0, 7))).shape == (0,)
     with pytest.raises(TypeError, match="MjModel"):
         Arm.from_mujoco("arm.xml")
@@ -131,14 +131,14 @@ def test_a_urdf_that_lacks_something_is_refused_with_the_joint_and_the_remedy():
     bare = arm(URDF.replace(inertia, ""))
     assert np.isnan(bare.at([0.3, 0]).A).any() and any(one.inside for one in bare.singularities([0.3, 0]))
     for without, words in [
-        (inertia, "fore|<inertial>"),
-        ('<limit lower="-2" upper="2" effort="20" velocity="4"/>', "elbow|lower|velocity"),
-        (' effort="20"', "elbow|effort"),
-        (' velocity="4"', "shoulder|velocity"),
+        (inertia, ["fore", "<inertial>"]),
+        ('<limit lower="-2" upper="2" effort="20" velocity="4"/>', ["elbow", "lower", "velocity"]),
+        (' effort="20"', ["elbow", "effort"]),
+        (' velocity="4"', ["shoulder", "velocity"]),
     ]:
         with pytest.raises(ValueError) as error:
             Law(arm(URDF.replace(without, "")))
-        assert all(word in str(error.value) for word in words.split("|")), error.value
+        assert all(word in str(error.value) for word in words), error.value
 
 
 def test_many_states_at_once_are_the_same_as_one_by_one():

@@ -76,14 +76,6 @@ def _press(control):
     control.evaluate("node => node.click()", timeout=PATIENCE_MS)
 
 
-def _push(page, name):
-    _press(page.get_by_role("button", name=name, exact=True))
-
-
-def _sees(page, text):
-    page.get_by_text(text).wait_for(state="attached")
-
-
 class Play:
     """`armplane play`, and a browser that looks at it."""
 
@@ -196,15 +188,15 @@ class Play:
         before = self.until(page, lambda _: True)["arrivals"]
         for _ in range(PATIENCE // 60):
             # A slow browser may have put another button in its place meanwhile.
-            _push(page, name)
+            _press(page.get_by_role("button", name=name, exact=True))
             with suppress(AssertionError):
                 return self.until(page, lambda state: state["arrivals"] > before, 60)
         raise AssertionError(f"never at {name}")
 
     def save(self, page):
         self.saved += 1
-        _push(page, "Save this run")
-        _sees(page, f"-{self.saved:03}/scenario.toml")
+        _press(page.get_by_role("button", name="Save this run"))
+        page.get_by_text(f"-{self.saved:03}/scenario.toml").wait_for(state="attached")
         return armplane.load(next(self.folder.glob(f"runs/*-{self.saved:03}")))
 
     def descendants(self):
@@ -317,9 +309,9 @@ def test_one_steers_and_others_watch(play):
     first, second = one.open(), one.open()
     # As long as the first one holds the ball, nobody else steers.
     one.take(first)
-    _sees(first, "You steer")
-    _sees(second, "Somebody else steers")
-    _push(second, "wrist")
+    first.get_by_text("You steer").wait_for(state="attached")
+    second.get_by_text("Somebody else steers").wait_for(state="attached")
+    _press(second.get_by_role("button", name="wrist", exact=True))
     assert one.until(second, lambda state: state["refused"] > 0)["mode"] == "hand"
     # It is closed while it drags: the arm rests, and the second one steers, even after it is loaded again.
     first.close()
@@ -335,8 +327,8 @@ def test_a_killed_controller_is_replaced(play):
     one = play("puma560")
     page = one.open()
     one.go(page, "start")
-    _push(page, "kill controller")
-    _sees(page, "was started again")
+    _press(page.get_by_role("button", name="kill controller"))
+    page.get_by_text("was started again").wait_for(state="attached")
     before = np.array(one.until(page, lambda _: True)["hand"])
     one.drag(page, [(0, -5 * k) for k in range(20)], lambda state: norm(np.array(state["hand"]) - before) > 0.005)
     # Killed with its browser open, the page leaves nothing behind, as the fixture checks.
@@ -353,7 +345,7 @@ def test_a_controller_of_others_races(play):
     one.until(page, lambda state: state["ghost"])
     one.go(page, "wrist")
     one.drag(page, _circle(60, 20))
-    _sees(page, "j_parse: largest speed")
+    page.get_by_text("j_parse: largest speed").wait_for(state="attached")
     assert one.until(page, lambda _: True)["ghost"]
 
 

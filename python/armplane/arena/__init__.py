@@ -19,8 +19,8 @@ from ..lazy import found
 OPPONENTS = sorted((Path(__file__).parents[1] / "opponents").glob("[!_]*.py"))
 # Conditions under which a task is run.
 GIVEN_CLOCK, OWN_CLOCK, NO_HINTS = "given clock", "own clock", "no hints"
-_PLACES = {"arm": "Arm", "laws": "Position Reference Torque Velocity"}
-__all__ = " ".join(["OPPONENTS", *_PLACES.values()]).split()
+_PLACES = {"arm": ("Arm",), "laws": ("Position", "Reference", "Torque", "Velocity")}
+__all__ = ["OPPONENTS", *sum(_PLACES.values(), ())]
 
 
 def __getattr__(name):

@@ -9,8 +9,8 @@ The command is `armplane autopsy LOG --robot ARM` (docs/autopsy.md).
 
 from ..lazy import found
 
-_PLACES = {"causes": "CAUSES", "columns": "ROLES", "logs": "LogError", "robot": "Robot", "answer": "autopsy"}
-__all__ = [*_PLACES.values()]
+_PLACES = {"causes": ("CAUSES",), "columns": ("ROLES",), "logs": ("LogError",), "robot": ("Robot",), "answer": ("autopsy",)}
+__all__ = sum(_PLACES.values(), ())
 
 
 def __getattr__(name):

@@ -7,8 +7,13 @@
 
 from ..lazy import found
 
-_PLACES = {"paper": "figures", "reports": "heat report", "studies": "compare compare_plot race singular_lines steered", "sweeps": "Range lack read sweep"}
-__all__ = " ".join(_PLACES.values()).split()
+_PLACES = {
+    "paper": ("figures",),
+    "reports": ("heat", "report"),
+    "studies": ("compare", "compare_plot", "race", "singular_lines", "steered"),
+    "sweeps": ("Range", "lack", "read", "sweep"),
+}
+__all__ = sum(_PLACES.values(), ())
 
 
 def __getattr__(name):

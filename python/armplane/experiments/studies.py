@@ -9,16 +9,12 @@ from .. import trials, wire
 from .paper import Recorded
 from .style import BLUE, GREY, RED, digits, legend, page, postures, undistorted
 
-# Of each panel its heading, and the column that it shows.
-METRICS = """error orthogonal to ζ, mm: orthogonal_max_mm
-error along ζ, mm: along_max_mm
-error at the end, mm: final_position_mm
-error orthogonal to ζ, °: orthogonal_max_deg
-error along ζ, °: along_max_deg
-error at the end, °: final_orientation_deg
-joint speed, share of limit: speed_max_ratio
-torque step, share of limit: torque_step_max_ratio
-energy of jumps, J: jump_energy_j""".splitlines()
+# The bar of S2 each, or of the goal; whether the axis is logarithmic.
+METRICS = [
+    [("error orthogonal to ζ, mm", "orthogonal_max_mm"), ("error along ζ, mm", "along_max_mm"), ("error at the end, mm", "final_position_mm")],
+    [("error orthogonal to ζ, °", "orthogonal_max_deg"), ("error along ζ, °", "along_max_deg"), ("error at the end, °", "final_orientation_deg")],
+    [("joint speed, share of limit", "speed_max_ratio"), ("torque step, share of limit", "torque_step_max_ratio"), ("energy of jumps, J", "jump_energy_j")],
+]
 
 
 def _all(jobs):
@@ -85,8 +81,7 @@ def compare_plot(table, path, title="Control laws on the same plant and seed"):
     height = 0.22 * len(names) + 0.5
     notes = [f"{row['law']}: {row['outcome']}. {row['reason']}" for _, row in table.iterrows()]
     with page(path, title, "red: a bar of S2 is missed; grey: ended early", notes, [(height, 3)] * 3) as panels:
-        for i, (axes, metric) in enumerate(zip(np.ravel(panels), METRICS)):
-            heading, column = metric.split(": ")
+        for i, (axes, (heading, column)) in enumerate(zip([axes for row in panels for axes in row], [one for row in METRICS for one in row])):
             values = table[column].to_numpy(dtype=float)
             colours = [GREY if not done else BLUE if s2 else RED for done, s2 in zip(table["completed"], table["s2"])]
             axes.barh(names, values, color=colours)
