@@ -91,7 +91,14 @@ fn each_guarantee_has_a_command_that_tests_it() {
     let (mut rows, mut wrong) = (0, Vec::new());
     let mut files: Vec<_> = workspace().iter().flat_map(Package::sources).collect();
     files.extend(rust_files("tests/system"));
-    let tests: Vec<String> = files.iter().flat_map(tests_of).collect();
+    let mut tests: Vec<String> = files.iter().flat_map(tests_of).collect();
+    let transcripts = std::fs::read_dir(root().join("tests/transcripts")).expect("the folder");
+    tests.extend(transcripts.flatten().map(|file| {
+        format!(
+            "system::transcripts::{}",
+            file.file_name().to_string_lossy()
+        )
+    }));
     let exists = |filter: &str| tests.iter().any(|test| test.contains(filter));
     let page = text("docs/guarantees.md");
     let is_row = |line: &&str| line.starts_with("| ") && !line.ends_with("| shown by |");

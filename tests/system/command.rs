@@ -52,6 +52,11 @@ impl Desk {
         path
     }
 
+    /// Puts a file of `tests/golden` into the folder.
+    pub(crate) fn golden(&self, name: &str) {
+        self.file(name, source(&format!("tests/golden/{name}")));
+    }
+
     pub(crate) fn bytes(&self, name: impl AsRef<Path>) -> Vec<u8> {
         let path = self.at(name);
         std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
@@ -73,18 +78,6 @@ impl Desk {
 
     pub(crate) fn remove(&self, name: impl AsRef<Path>) {
         std::fs::remove_file(self.at(name)).expect("a file in the temporary folder");
-    }
-
-    /// Makes a link to another file or folder in the folder.
-    pub(crate) fn link(&self, name: &str, target: &str) {
-        std::os::unix::fs::symlink(self.at(target), self.at(name)).expect("a link");
-    }
-
-    /// Puts a named pipe in the place of a file.
-    pub(crate) fn pipe(&self, name: &str) {
-        let _ = std::fs::remove_file(self.at(name));
-        let made = Command::new("mkfifo").arg(self.at(name)).status();
-        assert!(made.expect("mkfifo").success());
     }
 
     /// The names in a folder of the folder, sorted.
@@ -128,6 +121,20 @@ impl Desk {
         command
     }
 
+    /// Runs lines of the shell, where `armplane` is ours.
+    pub(crate) fn shell(&self, lines: &str) -> Said {
+        let program = Path::new(env!("CARGO_BIN_EXE_armplane"));
+        let tests = std::env::current_exe().expect("this test");
+        let [programs, libraries] = [program, &*tests].map(|path| path.parent().expect("a folder"));
+        let others = std::env::var("PATH").unwrap_or_default();
+        let mut bash = self.program("bash");
+        bash.args(["-o", "pipefail", "-ec", lines.trim()]);
+        bash.env("PATH", format!("{}:{others}", programs.display()));
+        bash.env("PROFILE", programs.file_name().expect("a profile"));
+        bash.env("LIBRARIES", libraries).env("ROOT", root());
+        bash.spawn().expect("bash starts").finish()
+    }
+
     pub(crate) fn start(&self, args: &str) -> Child {
         self.command(args).spawn().expect("armplane starts")
     }
@@ -169,14 +176,6 @@ impl Desk {
             said.err
         );
         said
-    }
-
-    /// Commands that are refused, each with its names, and make no folder for results.
-    pub(crate) fn refuses_each(&self, cases: &[(&str, &str)]) {
-        for (args, names) in cases {
-            self.refuses(2, args, names);
-        }
-        assert!(!self.has("runs"));
     }
 }
 
@@ -338,7 +337,7 @@ pub(crate) fn assert_nothing_left(launcher: u32) {
     let left = (
         in_shared_memory(launcher),
         children_of_run(launcher),
-        programs_of(launcher, "watch"),
+        programs_of(launcher),
     );
     assert_eq!(left, Default::default(), "files, processes, programs");
 }
@@ -368,13 +367,11 @@ pub(crate) fn children_of_run(launcher: u32) -> Vec<(String, i32)> {
 }
 
 /// Programs of others in a launcher's run, by their environment.
-pub(crate) fn programs_of(launcher: u32, process: &str) -> Vec<i32> {
+fn programs_of(launcher: u32) -> Vec<i32> {
     let marker = format!("-{launcher}-");
     let is_run = |word: &Cow<'_, str>| word.starts_with("ARMPLANE_RUN=") && word.contains(&marker);
-    let own = format!("ARMPLANE_PROCESS={process}");
-    let is_of_others = |word: &Cow<'_, str>| *word == own;
     processes("environ", |pid, words| {
-        (words.iter().any(is_run) && words.iter().any(is_of_others)).then_some(pid)
+        words.iter().any(is_run).then_some(pid)
     })
 }
 
@@ -385,12 +382,6 @@ pub(crate) fn restarts(summary: &Value, process: &str) -> u64 {
     found.expect("a process of the run")["restarts"].count()
 }
 
-/// How many faults of a run have occurred.
-pub(crate) fn occurred(summary: &Value) -> usize {
-    let faults = summary["faults"].list().iter();
-    faults.filter(|fault| fault["occurred"] == true).count()
-}
-
 /// The folder of the repository.
 pub(crate) fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -399,25 +390,6 @@ pub(crate) fn root() -> &'static Path {
 /// The text of a file of the repository.
 pub(crate) fn source(path: &str) -> String {
     std::fs::read_to_string(root().join(path)).unwrap_or_else(|error| panic!("{path}: {error}"))
-}
-
-/// Whether Python is there, with these modules.
-pub(crate) fn has_python(modules: &str) -> bool {
-    let code = format!(
-        "{}{modules}",
-        if modules.is_empty() { "" } else { "import " }
-    );
-    let output = Command::new("python3").args(["-c", &code]).output();
-    output.is_ok_and(|output| output.status.success())
-}
-
-/// Reports that a test is skipped where Python is not there with these modules.
-pub(crate) fn lacks(modules: &str) -> bool {
-    let lacks = !has_python(modules);
-    if lacks {
-        skipped(format!("there is no python3 with [{modules}]"));
-    }
-    lacks
 }
 
 /// Waits until something is so.

@@ -1,14 +1,8 @@
-//! Hostile input: random and broken files, messages of any bits; and access to a run's memory.
-
-use std::os::unix::fs::MetadataExt;
-use std::os::unix::process::CommandExt;
-use std::path::Path;
-use std::process::Command;
+//! Hostile input: random and broken files, messages of any bits.
 
 use proptest::prelude::*;
 
-use crate::command::{Desk, Known, Running, in_shared_memory, root, run_of, until};
-use crate::neighbours::is_root;
+use crate::command::root;
 use crate::properties;
 
 /// A valid text with pieces cut out, doubled, moved and replaced.
@@ -157,101 +151,4 @@ proptest! {
     fn jobs_are_valid_or_refused(text in broken(vec![properties::job()])) {
         properties::results(text.as_bytes());
     }
-}
-
-#[test]
-fn a_runs_memory_is_its_users_alone() {
-    let desk = Desk::new();
-    let run = desk.begin("run --set segment.1.duration_s=500 --no-record --json");
-    let names = || in_shared_memory(run.id());
-    // The directory, the node counter, and a data segment for each of five topics.
-    until("all segments", || names().len() >= 7);
-    let inside = run_of(run.id()).unwrap();
-    for name in names() {
-        // A file of a passing moment may be gone.
-        if let Ok(metadata) = std::fs::metadata(format!("/dev/shm/{name}")) {
-            let mode = metadata.mode();
-            assert_eq!(mode & 0o077, 0, "{name} has mode {mode:o}");
-        }
-    }
-    let inside = ["", "/control_page", "/manifest.json", "/job.json", "/nodes"]
-        .map(|name| format!("/dev/shm/{inside}{name}"));
-    let exists = |path: &String| Path::new(path).exists();
-    assert!(
-        inside.iter().all(exists),
-        "behind a door that only the user opens"
-    );
-    let segments = names().into_iter().map(|name| format!("/dev/shm/{name}"));
-    // Only root can act as another user.
-    for path in segments
-        .chain(inside.clone())
-        .filter(|path| is_root() && exists(path))
-    {
-        for attempt in [
-            "cat \"$1\"",
-            "ls \"$1/\"",
-            "echo x >> \"$1\"",
-            "touch \"$1/x\"",
-            "rm -rf \"$1\"",
-            "mv \"$1\" /dev/shm/mine",
-        ] {
-            let mut somebody = Command::new("sh");
-            somebody.args(["-c", attempt, "sh", &path]).current_dir("/");
-            let said = somebody.uid(65534).gid(65534).output().unwrap();
-            let has_failed = !said.status.success() && said.stdout.is_empty();
-            assert!(has_failed, "{attempt}: {path}: {said:?}");
-        }
-        assert!(exists(&path), "{path}");
-    }
-    run.interrupt();
-}
-
-/// Does something with all that it starts on one core.
-fn on_one_core<T>(act: impl FnOnce() -> T) -> T {
-    let all = runtime::realtime::allowed_cores();
-    runtime::realtime::pin(all[0]).unwrap();
-    let done = act();
-    // SAFETY: a set of cores is plain numbers, and the calls read it.
-    unsafe {
-        let mut set: libc::cpu_set_t = std::mem::zeroed();
-        all.iter().for_each(|core| libc::CPU_SET(*core, &mut set));
-        let size = size_of::<libc::cpu_set_t>();
-        assert_eq!(libc::sched_setaffinity(0, size, &raw const set), 0);
-    }
-    done
-}
-
-#[test]
-fn two_graphs_that_compete_for_one_core_come_to_their_ends() {
-    let desk = Desk::new();
-    let both = |args: [&str; 2]| {
-        let runs = on_one_core(|| args.map(|args| desk.start(args)));
-        runs.map(|run| run.finish().json())
-    };
-    for json in both([
-        "verify fig5-wrist-rotation --runs 2 --json",
-        "verify fig1-pseudo-inverse --runs 2 --json",
-    ]) {
-        json.holds(r#"{"identical": true}"#);
-    }
-    for summary in both([
-        "run --mode realtime --json --no-record --out a",
-        "run --mode realtime --json --no-record --out b",
-    ]) {
-        let ratio = summary["joints"]["torque_max_ratio"].number();
-        assert!(ratio <= 1.0 && summary["outcome"] != "failed", "{summary}");
-    }
-}
-
-#[test]
-fn a_live_fault_of_a_joint_that_the_arm_does_not_have_is_refused() {
-    let desk = Desk::new();
-    let run = desk.begin("run --set segment.1.duration_s=500 --no-record --json");
-    let name = run_of(run.id()).unwrap();
-    let fault = |joint: &str| format!("fault plant sensor --joint {joint} --run {name}");
-    desk.refuses(2, &fault("7"), "7: puma560 6");
-    until("the run to take a fault", || {
-        desk.armplane(&fault("6")).code == 0
-    });
-    run.interrupt();
 }

@@ -64,15 +64,3 @@ fn trace(pid: i32) -> bool {
     }
     true
 }
-
-#[test]
-fn a_user_may_set_a_limit_after_which_a_stopped_process_is_replaced() {
-    let desk = Desk::new();
-    let said = run_with(&desk, "--silence-limit 0.2", |run| {
-        run.strike("analyzer", "STOP")
-    });
-    assert_eq!(said.code, 0, "{}", said.err);
-    said.json()
-        .holds(r#"{"faults/0/process": "analyzer", "faults/0/kind": "kill"}"#);
-    desk.refuses(2, "run --silence-limit=-1", "--silence-limit");
-}

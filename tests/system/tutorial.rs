@@ -1,8 +1,6 @@
 //! `docs/tutorial.md`, followed to the letter: its files are written, its commands run, in the order of the page.
 
-use std::path::Path;
-
-use crate::command::{Desk, has_python, skipped, source};
+use crate::command::{Desk, skipped, source};
 
 /// The fenced blocks: what stands behind the language of each, and its text. "sh" is run, one with a name behind its language is written.
 fn blocks(page: &str) -> impl Iterator<Item = (&str, String)> {
@@ -17,16 +15,7 @@ fn blocks(page: &str) -> impl Iterator<Item = (&str, String)> {
 #[test]
 fn every_file_and_command_of_the_tutorial_works() {
     let desk = Desk::new();
-    let programs = Path::new(env!("CARGO_BIN_EXE_armplane"))
-        .parent()
-        .expect("a folder");
-    let profile = programs
-        .file_name()
-        .and_then(|name| name.to_str())
-        .expect("a profile");
-    let path = std::env::var("PATH").unwrap_or_default();
-    let path = format!("{}:{path}", programs.display());
-    let has_python = has_python("");
+    let has_python = desk.shell("python3 -c ''").code == 0;
     let (mut files, mut commands) = (0, 0);
     for (head, text) in blocks(&source("docs/tutorial.md")) {
         if let Some((_, name)) = head.split_once(' ') {
@@ -40,16 +29,13 @@ fn every_file_and_command_of_the_tutorial_works() {
                 continue;
             }
             // Another profile than the page's would compile everything a second time.
-            let line = line.replace("--release", &format!("--offline --profile {profile}"));
-            let line = line.replace("target/release", &format!("target/{profile}"));
-            let mut shell = desk.program("sh");
-            shell.args(["-c", &line]).env("PATH", &path);
-            // It stands in for the viewer.
-            shell
-                .env("ARMPLANE", env!("CARGO_MANIFEST_DIR"))
-                .env("ARMPLANE_RERUN", "true");
-            let done = shell.output().expect("a shell");
-            assert!(done.status.success(), "`{line}`: {done:?}");
+            let line = line.replace("--release", "--offline --profile ${PROFILE/debug/dev}");
+            let line = line.replace("target/release", "target/$PROFILE");
+            // The page's ARMPLANE is the repository, and another program stands in for the viewer.
+            let said = desk.shell(&format!(
+                "export ARMPLANE=$ROOT ARMPLANE_RERUN=true; {line}"
+            ));
+            assert_eq!(said.code, 0, "`{line}`: {}{}", said.out, said.err);
             commands += 1;
         }
     }
