@@ -226,6 +226,19 @@ impl Fault {
         self.timed(0, 0, rate_hz, 0).map(drop)
     }
 
+    /// Whether it has a time, as each planned fault needs one.
+    ///
+    /// # Errors
+    /// [`Complaint`] about a fault without one.
+    pub(crate) fn check_time(&self) -> Result<(), Complaint> {
+        require(
+            self.at_tick.is_some() || self.at_s.is_some(),
+            "kind",
+            format!("the fault `{}` has no time", self.kind),
+            "add at_s = 1.0, or at_tick = 0 for the first tick",
+        )
+    }
+
     /// Its fixed-size form at a control rate, for a process of the graph; `seed` where it names none.
     ///
     /// # Errors

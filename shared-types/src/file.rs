@@ -8,8 +8,8 @@ use std::ops::Range;
 use serde::de::DeserializeOwned;
 use toml::de::{DeTable, DeValue};
 
-pub use words::distance;
 use words::explain;
+pub use words::nearest;
 
 /// A file that cannot be used, with the place and the remedy.
 #[derive(Clone, Debug, PartialEq, Eq)]

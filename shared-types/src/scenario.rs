@@ -269,9 +269,8 @@ impl Scenario {
         self.goal.check()?;
         let mut faults = self.fault.iter().enumerate();
         faults.try_for_each(|(i, fault)| {
-            fault
-                .check(self.rate_hz)
-                .map_err(|complaint| complaint.within(&format!("fault.{i}")))
+            let check = fault.check_time().and_then(|()| fault.check(self.rate_hz));
+            check.map_err(|complaint| complaint.within(&format!("fault.{i}")))
         })
     }
 

@@ -40,6 +40,7 @@ mod session;
 mod steer;
 mod summary;
 mod text;
+mod units;
 mod viewer;
 
 pub use arm_faults::lacks_limit;

@@ -19,6 +19,7 @@ use crate::failure::Failure;
 use crate::mujoco;
 use crate::results::SCENARIO;
 use crate::seal;
+use crate::units;
 
 /// The scenario of `armplane` without arguments.
 pub const DEFAULT_SCENARIO: &str = "fig5-wrist-rotation";
@@ -169,7 +170,7 @@ impl Source {
     /// # Errors
     /// [`Failure::Input`] if one cannot be read, [`Failure::File`] if it is no table of poses.
     fn read_tables(&self, scenario: &mut Scenario) -> Result<(), Failure> {
-        for segment in &mut scenario.segment {
+        for (i, segment) in scenario.segment.iter_mut().enumerate() {
             if let Some(table) = segment.table.as_mut().filter(|table| table.rows.is_empty()) {
                 let path = self.beside(&table.file);
                 table.rows = read_targets(&path)?;
@@ -179,7 +180,9 @@ impl Source {
                 };
                 table.poses().map_err(located)?;
             }
-            segment.take_times();
+            segment
+                .take_times()
+                .map_err(|complaint| self.located(complaint.within(&format!("segment.{i}"))))?;
         }
         // The times of a table may be too many, or its ramp too long for it.
         scenario
@@ -245,16 +248,23 @@ impl Source {
     /// [`Failure::File`] if its frame, its faults or its start posture do not fit.
     pub fn check(&self, scenario: &Scenario, robot: &Robot, graph: &Graph) -> Result<(), Failure> {
         let located = |complaint: Complaint| self.located(complaint);
-        if let Some(frame) = scenario
-            .frame()
-            .filter(|frame| !robot.frames.iter().any(|known| known.name == *frame))
-        {
-            let names = robot.frames.iter().map(|frame| frame.name.as_str());
-            return Err(located(Complaint::new(
-                "frame",
-                unknown("frame", frame, names, ""),
-                "",
-            )));
+        if let Some(name) = scenario.frame() {
+            let frame = robot.frames.iter().find(|frame| frame.name == name);
+            // Frames before the last joint leave joints out.
+            let last = robot.joints.len().checked_sub(1);
+            let ends = robot.frames.iter().filter(|frame| frame.joint == last);
+            let names = ends.map(|frame| frame.name.as_str());
+            let wrong = match frame {
+                None => Some(unknown("frame", name, names, "")),
+                Some(frame) if frame.joint.is_none() => {
+                    Some(format!("the frame `{name}` stands still with the base"))
+                }
+                Some(_) => None,
+            };
+            let remedy = format!("left out, it is the arm's own, `{}`", robot.default_frame);
+            wrong.map_or(Ok(()), |wrong| {
+                Err(located(Complaint::new("frame", wrong, remedy)))
+            })?;
         }
         if scenario.servo.is_some()
             && !graph
@@ -273,6 +283,7 @@ impl Source {
             arm_faults::check(fault, robot)
                 .map_err(|complaint| located(complaint.within(&format!("fault.{i}"))))?;
         }
+        units::check(scenario, robot).map_err(located)?;
         robot
             .complete()
             .map_err(|error| located(Complaint::new("robot", error.to_string(), "")))?;
@@ -321,6 +332,9 @@ fn instead(path: &Path) -> Option<String> {
         "rrd" => Some(format!(
             "it is a recording; `armplane view {name}` shows it"
         )),
+        "csv" => Some(format!(
+            "it is a table; a segment of a scenario follows one of poses: table = {{ file = \"{name}\" }}, and `armplane servo ARM --from {name}` one of targets"
+        )),
         "mcap" => Some(format!(
             "it has the messages of a run, which `armplane replay {folder}` takes"
         )),
@@ -339,6 +353,12 @@ pub fn robot(
     frame: Option<&str>,
     base: Option<&str>,
 ) -> Result<Robot, Failure> {
+    if let Some(stem) = name.strip_suffix(".xacro") {
+        let stem = stem.trim_end_matches(URDF);
+        return Err(Failure::Input(format!(
+            "{name} is not an arm yet: expand it, `xacro {name} > {stem}{URDF}`, and name that file"
+        )));
+    }
     if ![URDF, MJCF].iter().any(|ending| name.ends_with(ending)) {
         if folder
             .map_or_else(|| PathBuf::from(name), |folder| folder.join(name))
@@ -560,18 +580,9 @@ pub fn unknown<'a>(
     more: &str,
 ) -> String {
     let known: Vec<&str> = known.collect();
-    let distance = |candidate: &str| {
-        let beginning = &candidate[..candidate.floor_char_boundary(name.len())];
-        // People leave out the end of a name: `puma`, and `pumma` too.
-        match file::distance(name, beginning) {
-            0 => 0,
-            apart => file::distance(name, candidate).min(1 + apart),
-        }
-    };
-    let near = known.iter().min_by_key(|candidate| distance(candidate));
-    let hint = match near {
-        Some(near) if distance(near) <= 1 + near.len() / 3 => format!("did you mean `{near}`?"),
-        _ => format!("there are {}", known.join(", ")),
+    let hint = match file::nearest(name, known.iter().copied()) {
+        Some(near) => format!("did you mean `{near}`?"),
+        None => format!("there are {}", known.join(", ")),
     };
     let more = match (hint.ends_with('?'), more) {
         (_, "") => String::new(),

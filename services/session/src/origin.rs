@@ -13,6 +13,7 @@ use serde_json::Value;
 use shared_types::ControlState;
 use shared_types::fault::ScheduledFault;
 use shared_types::job::{Branch, Job, Mode};
+use shared_types::scenario::Push;
 use shared_types::summary::{FaultSummary, Pace, Summary};
 use shared_types::topics::CHAIN;
 
@@ -160,9 +161,11 @@ pub(crate) fn begin_at(place: &Place, settings: &[String]) -> Result<(Loaded, Or
                     .filter(|fault| fault.at < place.tick)
                     .collect::<Vec<_>>()
             };
-            if earlier(faults(&loaded)?) != earlier(planned.clone()) {
+            if earlier(faults(&loaded)?) != earlier(planned.clone())
+                || pushes(&loaded, place.tick) != pushes(before, place.tick)
+            {
                 return Err(refuse(&format!(
-                    "a fault before tick {} cannot be changed: it has happened",
+                    "a fault or push before tick {} cannot be changed: it would never happen, or has happened",
                     place.tick
                 )));
             }
@@ -188,6 +191,13 @@ pub(crate) fn begin_at(place: &Place, settings: &[String]) -> Result<(Loaded, Or
         branch,
     };
     Ok((loaded, origin))
+}
+
+/// The pushes that begin before a tick.
+fn pushes(loaded: &Loaded, tick: u64) -> Vec<Push> {
+    let from_s = tick as f64 * loaded.scenario.dt_s();
+    let pushes = loaded.scenario.plant.push.iter();
+    pushes.filter(|push| push.at_s < from_s).copied().collect()
 }
 
 /// The run of a place, and its job, if it has such a tick and can go on.

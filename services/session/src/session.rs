@@ -9,6 +9,7 @@ use model::Robot;
 use recorder::Judge;
 use runtime::RunDir;
 use shared_types::job::{Job, Mode};
+use shared_types::process::{Process, Role};
 use shared_types::scenario::Scenario;
 use shared_types::summary::{REACHED, Summary};
 
@@ -23,6 +24,7 @@ use crate::results::Results;
 use crate::robot;
 use crate::ros2;
 use crate::summary::summarise;
+use crate::units;
 use crate::viewer::Live;
 
 /// The scenario and settings of a run.
@@ -180,13 +182,24 @@ fn settle(
     if let Some(options) = &request.ros2 {
         ros2::add(&mut loaded, options)?;
     }
+    let is_ours =
+        |one: &Process| one.role() == Role::World && !one.is_of_others() && one.robot.is_empty();
+    let scenario = &loaded.scenario;
+    let has_surface = !scenario.plant.surface.is_empty();
+    if scenario.presses() && !has_surface && loaded.graph.process.iter().any(is_ours) {
+        return Err(Failure::Input(format!(
+            "{}: a segment presses, and there is nothing to press on: add a [[plant.surface]]",
+            request.scenario
+        )));
+    }
     let loaded = robot::settle(loaded, request.mode, observer)?;
     let (robot, scenario) = (&loaded.robot, &loaded.scenario);
     let named = |sentence: String| format!("{}: {sentence}", request.scenario);
     let warning = chain::try_first_tick(robot, scenario);
     let warning = warning
         .map_err(|error| Failure::Input(named(error.to_string() + &advice(robot, scenario))))?;
-    warning.map(named).iter().for_each(|warning| say(warning));
+    let warnings = warning.into_iter().chain(units::doubt(scenario));
+    warnings.map(named).for_each(|warning| say(&warning));
     Ok(loaded)
 }
 

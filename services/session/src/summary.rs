@@ -8,11 +8,13 @@ use runtime::{Counts, FaultRecord, Origin};
 use shared_types::fault::ScheduledFault;
 use shared_types::job::{Job, Mode};
 use shared_types::process::Role;
+use shared_types::scenario::Scenario;
 use shared_types::summary::{
     Deadlines, FaultSummary, INTERRUPTED, ProcessSummary, RecorderSummary, Summary,
 };
 use shared_types::{Message, SensorSample, TorqueCommand};
 
+use crate::export::joined;
 use crate::machine::machine;
 
 /// On every Linux.
@@ -51,6 +53,10 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
         faults.map(|account| with_last_line(fault_summary(job, account), account, outcome));
     let deaths = outcome.deaths.iter().map(death);
     summary.faults = faults.chain(deaths).chain(unlisted(outcome)).collect();
+    if matches!(outcome.end, End::Completed) {
+        let missed = too_late(&job.scenario, &summary);
+        summary.reason = joined([&*summary.reason, &missed]);
+    }
     let counts: Vec<_> = outcome.processes.iter().map(|one| one.counts).collect();
     summary.deadlines = deadlines(job, ticks, &counts);
     let account = summary.deadlines.as_ref();
@@ -71,6 +77,29 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
         })
         .collect();
     summary
+}
+
+/// Planned pushes and faults to which a run that has ended did not come, in words; empty: none.
+fn too_late(scenario: &Scenario, summary: &Summary) -> String {
+    let end_s = summary.ticks as f64 * scenario.dt_s();
+    let pushes = scenario.plant.push.iter();
+    let pushes = pushes.map(|push| ("push".to_owned(), push.at_s));
+    let faults = summary.faults.iter().filter(|fault| fault.plan.is_some());
+    let faults = faults.map(|fault| {
+        let what = format!("{} of the {}", fault.kind, fault.process);
+        (what, fault.tick as f64 * scenario.dt_s())
+    });
+    let late = pushes.chain(faults).filter(|(_, at_s)| *at_s >= end_s);
+    let late: Vec<_> = late
+        .map(|(what, at_s)| format!("{what} at {at_s} s"))
+        .collect();
+    match late.is_empty() {
+        true => String::new(),
+        false => format!(
+            "the run ended at {end_s} s, before this: {}",
+            late.join(", ")
+        ),
+    }
 }
 
 /// The summary of a run whose recorder has left none.

@@ -65,25 +65,75 @@ pub(super) fn explain(message: &str) -> (String, String) {
             format!("it must be {}", allowed(expected)),
         );
     }
-    let known: Vec<&str> = expected.split('`').skip(1).step_by(2).collect();
+    let known = || expected.split('`').skip(1).step_by(2);
     let written = wrong.split('`').nth(1).unwrap_or_default();
-    match known
-        .iter()
-        .map(|name| (distance(written, name), name))
-        .min()
-    {
-        Some((distance, name)) if distance <= 2 + name.len() / 4 => {
-            (wrong.to_owned(), format!("did you mean `{name}`?"))
-        }
-        _ => (wrong.to_owned(), format!("expected {expected}")),
-    }
+    let remedy = match nearest(written, known()) {
+        Some(name) => format!("did you mean `{name}`?"),
+        None => format!("expected {expected}"),
+    };
+    (wrong.to_owned(), remedy)
 }
 
-/// Letters by which a written word differs from a known one. Of a long word it takes the beginning: to compare megabytes takes seconds.
-#[must_use]
-pub fn distance(written: &str, known: &str) -> usize {
+/// Letters by which the nearest name may differ.
+const MOST_APART: usize = 3;
+
+/// What people call things, and what they are called here.
+const OTHER_WORDS: [(&str, &str); 7] = [
+    (
+        "hand tcp ee eef flange gripper tip end-effector end_effector",
+        "tool",
+    ),
+    ("osc", "operational-space"),
+    ("position pose goal target", "to_m"),
+    ("simulate sim start exec launch", "run"),
+    ("show open viewer", "view"),
+    ("create init", "new"),
+    ("robots scenarios ls", "list"),
+];
+
+/// The known name that a written one most likely means: by its initials, by a part of it, by a few letters, or by another word for it.
+pub fn nearest<'a>(written: &str, known: impl Iterator<Item = &'a str> + Clone) -> Option<&'a str> {
+    let written = written.to_lowercase();
+    let is_one = |words: &str| words.split(' ').any(|word| word == written);
+    let others = OTHER_WORDS.iter().filter(|(words, _)| is_one(words));
+    let mut words = std::iter::once(&*written).chain(others.map(|(_, word)| *word));
+    words.find_map(|word| {
+        let most = (1 + word.len() / 4).min(MOST_APART);
+        let near = known
+            .clone()
+            .map(|name| (apart(word, &name.to_lowercase()), name));
+        let (distance, name) = near.min_by_key(|(distance, _)| *distance)?;
+        (distance <= most).then_some(name)
+    })
+}
+
+/// How far a written word is from a known name: letters, 0 for its initials and its beginning, 1 for another part of it.
+fn apart(written: &str, known: &str) -> usize {
+    let mut parts = known.split(['-', '_']);
+    let initials: String = parts
+        .clone()
+        .filter_map(|part| part.chars().next())
+        .collect();
+    if written.len() > 1 && (initials == written || known.starts_with(written)) {
+        return 0;
+    }
+    if written.len() > 1 && parts.any(|part| part == written)
+        || known.len() > 2 && written.starts_with(known)
+    {
+        return 1;
+    }
+    // People leave out the end of a name: `puma`, and `pumma` too.
+    let beginning = |length| &known[..known.floor_char_boundary(length)];
+    let lengths = [written.len(), written.len().saturating_sub(1)];
+    let starts = lengths.map(|length| 1 + distance(written, beginning(length)));
+    distance(written, known).min(starts[0]).min(starts[1])
+}
+
+/// Letters by which a written word differs from a known one, two that are swapped counted once. Of a long word it takes the beginning: to compare megabytes
+/// takes seconds.
+fn distance(written: &str, known: &str) -> usize {
     let beginning = &written[..written.floor_char_boundary(LONGEST_WORD)];
-    strsim::levenshtein(beginning, known)
+    strsim::osa_distance(beginning, known)
 }
 
 /// A value of the file.
@@ -133,6 +183,37 @@ fn allowed(expected: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_near_word_is_found_and_a_far_one_is_not() {
+        const LAWS: [&str; 4] = [
+            "blended",
+            "damped-least-squares",
+            "operational-space",
+            "joint-pd",
+        ];
+        let cases: [(&str, &[&str], Option<&str>); 12] = [
+            ("dls", &LAWS, Some("damped-least-squares")),
+            ("osc", &LAWS, Some("operational-space")),
+            ("pd", &LAWS, Some("joint-pd")),
+            ("hand", &["base", "world", "start", "tool"], Some("tool")),
+            (
+                "hand",
+                &["base_link", "wrist_3_link", "tool0"],
+                Some("tool0"),
+            ),
+            ("hand", &["base_link", "wrist_3_link"], None),
+            ("output", &["out", "set"], Some("out")),
+            ("rnu", &["new", "run"], Some("run")),
+            ("Panda", &["panda", "puma560"], Some("panda")),
+            ("pumma", &["panda", "puma560"], Some("puma560")),
+            ("kp", &["k_p", "k_v"], Some("k_p")),
+            ("center_m", &["centre_m", "about"], Some("centre_m")),
+        ];
+        for (written, known, meant) in cases {
+            assert_eq!(nearest(written, known.iter().copied()), meant, "{written}");
+        }
+    }
 
     #[test]
     fn types_of_the_program_are_told_as_values_of_a_file() {

@@ -134,9 +134,15 @@ impl Push {
         }
         require(
             force_n.iter().chain(torque_nm).all(|x| x.abs() <= 1e6),
-            prefix + "force_n",
+            prefix.clone() + "force_n",
             "the push is not one of an arm",
             "three numbers each, N and N·m, at most 1e6",
+        )?;
+        require(
+            *for_s > 0.0 && force_n.iter().chain(torque_nm).any(|x| *x != 0.0),
+            prefix + "for_s",
+            "the push does nothing: it has no force and no torque, or lasts 0 s",
+            "give it force_n or torque_nm, and a positive for_s",
         )
     }
 }

@@ -26,8 +26,8 @@ pub struct Start {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Segment {
-    /// Planned duration, required without a `table`; s. A table has its own times; they are scaled
-    /// to this one if it is given.
+    /// Planned duration, at most 600, required without a `table`; s. A table has its own times; they
+    /// are scaled to this one if it is given, which may then be longer.
     #[serde(default)]
     pub duration_s: f64,
     /// Time in which the hand gets up to a constant speed, and comes to rest again, at most half of
@@ -130,6 +130,9 @@ pub struct Reorient {
     pub by_deg: f64,
 }
 
+/// Longest time of a segment, and of a table without `duration_s`: longer ones are more often milliseconds; s.
+const LONGEST_S: f64 = 600.0;
+
 fn are_finite<'a>(values: impl IntoIterator<Item = &'a f64>) -> bool {
     values.into_iter().all(|value| value.is_finite())
 }
@@ -189,11 +192,25 @@ impl Segment {
     }
 
     /// Gives a segment whose table has been read, and which states no duration, that of the table.
-    pub fn take_times(&mut self) {
+    ///
+    /// # Errors
+    /// [`Complaint`] about a table that takes so long that its times are hardly seconds.
+    pub fn take_times(&mut self) -> Result<(), Complaint> {
         let rows = self.table.as_ref().and_then(|table| table.poses().ok());
         if let Some([first, .., last]) = rows.as_deref().filter(|_| self.duration_s == 0.0) {
-            self.duration_s = last.t_s - first.t_s + self.ramp_s.unwrap_or(0.0);
+            let time = last.t_s - first.t_s;
+            require(
+                time <= LONGEST_S,
+                "table",
+                format!("the table takes {:.0} min: its times are in s", time / 60.0),
+                format!(
+                    "did you mean {:.3} s? Then write that as duration_s; duration_s = {time} takes the times as they are",
+                    time * 1e-3
+                ),
+            )?;
+            self.duration_s = time + self.ramp_s.unwrap_or(0.0);
         }
+        Ok(())
     }
 
     fn check_time(&self) -> Result<(), Complaint> {
@@ -204,6 +221,12 @@ impl Segment {
             "duration_s",
             format!("the segment takes {time} s"),
             "a positive time",
+        )?;
+        require(
+            time <= LONGEST_S || self.table.is_some(),
+            "duration_s",
+            format!("the segment takes {:.0} min: its time is in s", time / 60.0),
+            format!("did you mean {}? Split one that takes so long", time * 1e-3),
         )?;
         let Some(ramp) = self.ramp_s else {
             return Ok(());

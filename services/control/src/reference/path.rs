@@ -949,7 +949,7 @@ mod tests {
         };
         let path = |rows: &str, keys: &str| {
             let mut scenario = Scenario::parse("x.toml", &text(rows, keys), &[]).unwrap();
-            scenario.segment[0].take_times();
+            scenario.segment[0].take_times().unwrap();
             Path::new(&scenario, begin(), &crate::testing::empty_report::<6>())
         };
         let rows = |motion: &dyn Fn(f64) -> f64| {

@@ -98,7 +98,7 @@ fn text(
                     if let (Some(table), Some(rows)) = (&mut segment.table, &rows) {
                         table.rows.clone_from(rows);
                     }
-                    segment.take_times();
+                    segment.take_times().map_err(Failure::input)?;
                 }
                 let trial = Trial {
                     robot: arm,
