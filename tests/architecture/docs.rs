@@ -48,7 +48,7 @@ fn refusal(command: &str) -> Option<String> {
     let errors = String::from_utf8_lossy(&output.stderr);
     let reason = errors.lines().next().unwrap_or_default().to_owned();
     // A text may name an option without a value for it.
-    (!output.status.success() && !reason.contains("a value is required")).then_some(reason)
+    (!output.status.success() && !reason.contains("has no value")).then_some(reason)
 }
 
 /// A reader types what a page says; a page that an option was renamed under costs them the afternoon.

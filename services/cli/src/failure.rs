@@ -3,11 +3,13 @@
 use std::io::{stderr, stdout};
 use std::process::ExitCode;
 
+use clap::error::ErrorKind;
 use miette::{LabeledSpan, MietteDiagnostic, MietteHandlerOpts, NamedSource, Report};
 use serde_json::json;
 use session::Failure;
 
 use crate::out::{self, is_coloured, plain, show_painted, tell, tell_painted};
+use crate::usage;
 
 /// Most characters of a sentence, or of a line of a file, that are printed: more can no longer be read.
 const LONGEST: usize = 4000;
@@ -31,16 +33,7 @@ pub(crate) fn report(failure: Failure, as_json: bool) -> ExitCode {
         );
         return ExitCode::from(code);
     }
-    let shortened = |text: &str| match text.char_indices().nth(LONGEST) {
-        Some((at, _)) => format!("{} … ({} bytes in all)", &text[..at], text.len()),
-        None => text.to_owned(),
-    };
-    // Only indented lines follow a sentence: a name in it with a line's end could pass for a message of ours.
-    let one_line = |text: &str| plain(text).replace('\n', "\\n").replace("\\n  ", "\n  ");
-    tell(&format_args!(
-        "armplane: {}",
-        shortened(&one_line(&failure.to_string()))
-    ));
+    tell_sentence(&failure.to_string());
     if let Failure::File(error) = failure
         && let Some(span) = error.span.clone()
         // The lines around the place are shown whole.
@@ -67,50 +60,45 @@ pub(crate) fn report(failure: Failure, as_json: bool) -> ExitCode {
     ExitCode::from(code)
 }
 
+/// Prints a sentence on what went wrong.
+fn tell_sentence(text: &str) {
+    // Only indented lines follow a sentence: a name in it with a line's end could pass for a message of ours.
+    let text = plain(text).replace('\n', "\\n").replace("\\n  ", "\n  ");
+    let text = match text.char_indices().nth(LONGEST) {
+        Some((at, _)) => format!("{} … ({} bytes in all)", &text[..at], text.len()),
+        None => text,
+    };
+    tell(&format_args!("armplane: {text}"));
+}
+
 /// Prints what is wrong with a command's arguments, or the help that was asked for.
-pub(crate) fn usage(error: &clap::Error) -> ExitCode {
+pub(crate) fn usage(error: &clap::Error, command: &clap::Command) -> ExitCode {
     let code = u8::try_from(error.exit_code()).unwrap_or(2);
+    let words: Vec<String> = std::env::args_os()
+        .skip(1)
+        .map(|word| word.to_string_lossy().into_owned())
+        .collect();
+    let is_help = error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand;
+    if !is_help && error.use_stderr() {
+        let sentence = usage::sentence(error, command, &words);
+        match out::wants_json() {
+            true => tell(
+                &json!({"error": {"kind": "usage", "exit_code": code, "message": plain(&sentence)}}),
+            ),
+            false => tell_sentence(&sentence),
+        }
+        return ExitCode::from(code);
+    }
     let styled = error.render();
     // Codes among the arguments could not be told from ours.
-    let is_code = |argument: std::ffi::OsString| {
-        let argument = argument.to_string_lossy();
-        plain(&argument) != argument
-    };
-    let has_codes = std::env::args_os().any(is_code);
-    let words = |is_coloured: bool| match is_coloured && !has_codes {
+    let has_codes = words.iter().any(|word| plain(word) != *word);
+    let painted = |is_coloured: bool| match is_coloured && !has_codes {
         true => styled.ansi().to_string(),
         false => plain(&styled.to_string()),
     };
-    if !error.use_stderr() {
-        show_painted(&words(is_coloured(&stdout())));
-    } else if out::wants_json() {
-        let text = with_remedy(&words(false));
-        let message = text.split("\n\n").next().unwrap_or_default();
-        let message = message.trim_start_matches("error: ");
-        tell(&json!({"error": {"kind": "usage", "exit_code": code, "message": message}}));
-    } else {
-        tell_painted(&with_remedy(&words(is_coloured(&stderr()))).trim_end());
+    match error.use_stderr() {
+        true => tell_painted(&painted(is_coloured(&stderr())).trim_end()),
+        false => show_painted(&painted(is_coloured(&stdout()))),
     }
     ExitCode::from(code)
-}
-
-/// The standard library's words for a text that is no number, with the remedy in their place.
-fn with_remedy(text: &str) -> String {
-    [
-        ("invalid digit found in string", "give a whole number"),
-        (
-            "cannot parse integer from empty string",
-            "give a whole number",
-        ),
-        (
-            "number too large to fit in target type",
-            "give a smaller number",
-        ),
-        ("invalid float literal", "give a number"),
-        ("cannot parse float from empty string", "give a number"),
-    ]
-    .iter()
-    .fold(text.to_owned(), |text, (words, remedy)| {
-        text.replace(words, remedy)
-    })
 }

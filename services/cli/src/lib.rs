@@ -31,6 +31,7 @@ mod run;
 mod screen;
 mod servo;
 mod top;
+mod usage;
 mod verify;
 mod view;
 
@@ -285,7 +286,12 @@ const GROUPS: [(&str, &[&str], &[&str]); 5] = [
 
 /// The command line, whose help shows the groups.
 fn command() -> clap::Command {
-    let command = Cli::command();
+    // `--seed -1` is a wrong number, and no option `-1`.
+    let numbers = |arg: clap::Arg| {
+        let takes = arg.get_action().takes_values() && !arg.is_positional();
+        arg.allow_negative_numbers(takes)
+    };
+    let command = Cli::command().mut_subcommands(|one| one.mut_args(numbers));
     let about = |name: &str| {
         let found = command
             .find_subcommand(name)
@@ -329,7 +335,7 @@ fn work() -> ExitCode {
     }
     let code = match parsed {
         Ok(cli) => execute(cli).unwrap_or_else(|failure| failure::report(failure, json)),
-        Err(error) => failure::usage(&error),
+        Err(error) => failure::usage(&error, &command()),
     };
     // The results are kept: what ends in a moment anyway needs no second Ctrl-C.
     let _signals = supervises.then(session::interrupts);
