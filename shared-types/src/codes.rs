@@ -125,8 +125,12 @@ codes! {
         REFUSAL_PARTED = 11 "the arm was held back or thrown",
         /// The checkpoint that it was restored from is damaged.
         REFUSAL_CHECKPOINT = 12 "the checkpoint of the process before it is damaged; start the run again",
-        /// In the direction of a force nothing was met, or not with that force.
-        REFUSAL_CONTACT = 13 "the force was not reached: the hand met nothing, lost its contact again and again, or pressed along a lost direction; put a surface in the way, approach more slowly, or state the surface's stiffness",
+        /// In the direction of a force nothing was met.
+        REFUSAL_CONTACT = 13 "the hand met nothing in the direction of its force; put a surface in the way, or raise force.reach_m",
+        /// The hand met a surface and left it again and again.
+        REFUSAL_BOUNCE = 14 "the hand bounced off the surface that it met; state the surface's stiffness in force.stiffness_n_m, or approach more slowly",
+        /// The force did not come about.
+        REFUSAL_PRESSING = 15 "the hand could not press as asked; a lost direction bears the force, something else holds the hand, or the force swings about its set-point",
     }
 
     /// The drive's state.

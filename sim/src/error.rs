@@ -24,6 +24,16 @@ pub enum PlantError {
         /// The floor's height in B; m.
         floor_m: f64,
     },
+    /// The hand starts in a surface.
+    #[error(
+        "the hand starts {depth_mm:.1} mm inside plant.surface.{surface}: let its normal point to the hand, move the surface, or start from another posture"
+    )]
+    StartInSurface {
+        /// Index of the surface.
+        surface: usize,
+        /// How deep; mm.
+        depth_mm: f64,
+    },
     /// A number of the scenario's `[plant]` is out of range.
     #[error("{key} = {value} cannot be: it must be {range}")]
     Range {

@@ -42,7 +42,7 @@ impl<const N: usize> Plant<N> {
     /// `options.mass_factor` scales the links' masses and inertias; the armature is the drives', and stays. `options.payload` comes on top.
     ///
     /// # Errors
-    /// [`PlantError`]: a posture outside the limits or in the floor, a number out of range, an arm that cannot be simulated.
+    /// [`PlantError`]: a posture outside the limits, in the floor or in a surface, a number out of range, an arm that cannot be simulated.
     pub fn new(
         robot: &Robot,
         frame: Option<&str>,
@@ -70,10 +70,12 @@ impl<const N: usize> Plant<N> {
             true => *model.viscous_friction(),
             false => SVector::zeros(),
         };
+        let surfaces = Surfaces::new(options);
+        surfaces.check_start(&model.forward_kinematics(q_start).p)?;
         let smooth = Smooth {
             model,
             viscous,
-            surfaces: Surfaces::new(options),
+            surfaces,
         };
         let tick_s = 1.0 / f64::from(rate_hz);
         let back_end = match options.model {

@@ -1,5 +1,6 @@
 //! Surfaces that the hand's point touches: springs with dampers and friction, a smooth function of the arm's state.
 
+use crate::error::PlantError;
 use model::Model;
 use nalgebra::{SVector, Vector3};
 use shared_types::scenario;
@@ -9,6 +10,9 @@ const SLIDING: f64 = 5e-3;
 
 /// Distance within which a tick is integrated in short steps; m.
 const NEAR: f64 = 1e-3;
+
+/// Depth up to which a hand that starts on a surface touches it; m.
+const TOUCHES: f64 = 1e-5;
 
 /// A surface.
 #[derive(Clone, Copy, Debug)]
@@ -79,6 +83,23 @@ impl Surfaces {
         touched.fold((Vector3::zeros(), 0), |(force, count), one| {
             (force + one.force(p, v), count + 1)
         })
+    }
+
+    /// Refuses a start with the hand's point at `p` inside a surface.
+    ///
+    /// # Errors
+    /// [`PlantError::StartInSurface`].
+    pub(crate) fn check_start(&self, p: &Vector3<f64>) -> Result<(), PlantError> {
+        let depths = self.0.iter().map(|one| one.depth(p).0).enumerate();
+        let deepest = depths.max_by(|a, b| a.1.total_cmp(&b.1));
+        deepest
+            .filter(|(_, depth)| *depth > TOUCHES)
+            .map_or(Ok(()), |(surface, depth)| {
+                Err(PlantError::StartInSurface {
+                    surface,
+                    depth_mm: depth * 1e3,
+                })
+            })
     }
 
     /// Whether the point may touch a surface before it has moved by `moves` m.

@@ -6,7 +6,7 @@ use crate::surface::Surfaces;
 use crate::{Plant, PlantError};
 use model::{JointKind, Model, Robot};
 use nalgebra::{SVector, Vector3};
-use shared_types::scenario::{Plant as Options, PlantModel};
+use shared_types::scenario::{Plant as Options, PlantModel, Surface};
 use std::sync::LazyLock;
 
 mod contact;
@@ -380,6 +380,18 @@ fn an_arm_that_cannot_be_simulated_is_refused_with_a_reason() {
         substeps,
         ..rapier.clone()
     };
+    let over = Surface {
+        point_m: [0.0, 0.0, 3.0],
+        normal: [0.0, 0.0, 1.0],
+        radius_m: None,
+        stiffness_n_m: 2e4,
+        damping_s_m: 5.0,
+        friction: 0.2,
+    };
+    let under = Options {
+        surface: vec![over],
+        ..rapier.clone()
+    };
     let mut negative = puma();
     negative.joints[2].inertia[(0, 0)] = -0.1;
     let mut weightless = puma();
@@ -394,6 +406,7 @@ fn an_arm_that_cannot_be_simulated_is_refused_with_a_reason() {
     }
     assert_refused! {
         puma(), world(0.2, false), nominal() => PlantError::StartInFloor { .. },
+        puma(), under, nominal() => PlantError::StartInSurface { surface: 0, .. },
         puma(), dry, nominal() => PlantError::DryFriction { .. },
         puma(), with(0.0, 4), nominal() => PlantError::Range { key: "plant.mass_factor", .. },
         puma(), with(-1.0, 4), nominal() => PlantError::Range { key: "plant.mass_factor", .. },

@@ -162,7 +162,8 @@ impl<const N: usize> Controller<N> {
         let forces = Forces::of(scenario);
         let obstacle = obstacle.or_else(|| {
             let strategy = scenario.control.strategy;
-            forces.impossible(&rest, model.effort(), strategy, &robot.task.0)
+            let dt = scenario.dt_s();
+            forces.impossible(&rest, model.effort(), strategy, &robot.task.0, dt)
         });
         let guide = Guide::new(plan, (0..).take_while(|i| path.leg(*i).is_some()).count());
         postures.stay(guide.beyond_reach());

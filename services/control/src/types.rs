@@ -123,8 +123,12 @@ coded! {
         Parted = REFUSAL_PARTED,
         /// The checkpoint that it was restored from is damaged.
         Checkpoint = REFUSAL_CHECKPOINT,
-        /// In the direction of a force nothing was met, or not with that force.
+        /// In the direction of a force nothing was met.
         Contact = REFUSAL_CONTACT,
+        /// The hand met a surface and left it again and again.
+        Bounce = REFUSAL_BOUNCE,
+        /// The force did not come about.
+        Pressing = REFUSAL_PRESSING,
     }
 }
 

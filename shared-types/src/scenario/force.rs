@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::curve::Axis;
+use super::curve::{Axis, is_near};
 use crate::file::{Complaint, key_within, require};
 
 /// A force that the hand keeps along one direction while it follows the segment's path in all others.
@@ -27,7 +27,8 @@ pub struct Force {
     /// Time in which the set-point rises from 0 to `newtons`; s.
     #[serde(default = "ramp_s")]
     pub ramp_s: f64,
-    /// Speed of the approach; m/s.
+    /// Speed of the approach, less where the impact on a surface of `stiffness_n_m` would double the
+    /// force; m/s.
     #[serde(default = "approach_m_s")]
     pub approach_m_s: f64,
     /// How far a surface is looked for; m. Beyond it the controller refuses to go on.
@@ -123,12 +124,17 @@ fn friction() -> f64 {
 
 impl Surface {
     pub(super) fn check(&self) -> Result<(), Complaint> {
-        let numbers = || self.point_m.iter().chain(&self.normal);
         require(
-            numbers().all(|x| x.abs() <= 1000.0) && self.normal != [0.0; 3],
+            self.point_m.iter().all(is_near),
+            "point_m",
+            "the position is not one of an arm",
+            "three numbers from -1000 to 1000, in metres",
+        )?;
+        require(
+            self.normal.iter().all(is_near) && self.normal != [0.0; 3],
             "normal",
-            "the surface has no place, or no direction",
-            "point_m in metres, and normal a vector with a length",
+            "the normal is no direction",
+            "three numbers, out of the material, such as [0, 0, 1]",
         )?;
         for (key, value, range) in [
             ("radius_m", self.radius_m.unwrap_or(1.0), 1e-3..=1e3),
