@@ -6,6 +6,8 @@ use super::torque::Limited;
 use super::{range, speed};
 use crate::controller::Setup;
 use crate::law::Torques;
+use crate::linear::{angular, linear};
+use crate::reference::along_lost;
 use crate::state::State;
 use crate::tick::{Motion, Now};
 use nalgebra::SVector;
@@ -23,6 +25,9 @@ const SMOOTH: f64 = 0.008;
 const LEAD: f64 = 0.060;
 /// Demand below which a change is noise, and no rise.
 const QUIET: f64 = 0.25;
+/// Error across the lost directions from which on the clock slows down along the boundary of reach, m and rad: the path goes on there as the hand
+/// cannot, which falls behind in proportion to its speed.
+const STRAYED: (f64, f64) = (0.3e-3, 2.6e-3);
 /// Share of the torque limits that changing the clock's speed may take.
 const BRAKE: f64 = 0.35;
 
@@ -156,7 +161,8 @@ pub(crate) fn step<const N: usize>(
             planned: setup
                 .guide
                 .speed(motion.planned.as_ref(), state.clock.plan_s, clock)
-                .min(state.targets.fastest.clock),
+                .min(state.targets.fastest.clock)
+                .min(along_boundary(now, motion)),
             is_planned: motion.planned.is_some(),
         };
         let dt = setup.scenario.dt_s();
@@ -168,6 +174,17 @@ pub(crate) fn step<const N: usize>(
     }
     let waits = state.force.waits();
     pass(setup, state, if waits { 0.0 } else { clock });
+}
+
+/// Fastest clock with which the hand keeps beside a path beyond reach.
+fn along_boundary<const N: usize>(now: &Now<'_, N>, motion: &Motion<N>) -> f64 {
+    if !motion.clips {
+        return 1.0;
+    }
+    let across = motion.error - along_lost(&motion.error, now.report);
+    let strayed = (linear(&across).norm() / STRAYED.0).max(angular(&across).norm() / STRAYED.1);
+    let strayed = strayed.max(1.0);
+    (1.0 / (strayed * strayed * strayed)).max(SLOWEST)
 }
 
 /// Time that goes on by a tick at the speed `clock`, on the plan, on the path and in its leg.

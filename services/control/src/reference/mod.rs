@@ -131,7 +131,7 @@ fn about_E<const N: usize>(at_C: [Vector6<f64>; 2], now: &Now<'_, N>) -> [Vector
 }
 
 /// The share of an error along the lost directions, as far as each is left to its auxiliary coordinate.
-fn along_lost<const N: usize>(error: &Vector6<f64>, report: &Report<N>) -> Vector6<f64> {
+pub(crate) fn along_lost<const N: usize>(error: &Vector6<f64>, report: &Report<N>) -> Vector6<f64> {
     let mut across = *error;
     for s in report.listed() {
         let openness = s.neighborhood().openness(s.s);
