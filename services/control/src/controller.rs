@@ -2,8 +2,8 @@
 
 use crate::law::force::Forces;
 use crate::limits::torque::Drives;
-use crate::plan::beyond_reach;
 use crate::plan::scenario::Task;
+use crate::plan::{beyond_reach, rehearsal};
 use crate::reference::guide::Guide;
 use crate::reference::path::Path;
 use crate::reference::posture::Postures;
@@ -144,40 +144,18 @@ impl<const N: usize> Controller<N> {
         if !is_steered {
             path.check(&robot.task.0, rest.X_BE, &report)?;
         }
-        let mut postures = Postures::new(robot, scenario, q_start)?;
+        let postures = Postures::new(robot, scenario, q_start)?;
         let fresh = Analyzer::new(robot, &scenario.analysis);
-        let task = Task {
-            model: &model,
-            robot,
-            scenario,
-            path: &path,
-            analyzer: &fresh,
-            q_start: &q_start,
-            postures: postures.goals(),
-        };
-        let (plan, obstacle) = match task.route_ahead() {
-            Ok(plan) => (plan, None),
-            Err(obstacle) => (None, Some(obstacle)),
-        };
         let forces = Forces::of(scenario);
-        let obstacle = obstacle.or_else(|| {
-            let strategy = scenario.control.strategy;
-            let dt = scenario.dt_s();
-            forces.impossible(&rest, model.effort(), strategy, &robot.task.0, dt)
-        });
-        let guide = Guide::new(plan, (0..).take_while(|i| path.leg(*i).is_some()).count());
-        postures.stay(guide.beyond_reach());
+        let (strategy, dt) = (scenario.control.strategy, scenario.dt_s());
+        let too_strong = forces.impossible(&rest, model.effort(), strategy, &robot.task.0, dt);
         let targets = is_steered.then(|| Targets::new(&model, robot, scenario));
         let model = match is_steered {
             true => model.with_torque_share(targets::SHARE),
             false => model,
         };
-        let mut state = State::begin(&rest, q_start, model.effort());
-        state.clock.rate = guide.first_speed();
-        if obstacle.is_some() {
-            state.refusal = Refusal::Route;
-        }
-        let setup = Setup {
+        let legs = (0..).take_while(|i| path.leg(*i).is_some()).count();
+        let mut setup = Setup {
             drives: Drives::of(&model, robot.gravity, scenario.dt_s()),
             model,
             family,
@@ -186,9 +164,28 @@ impl<const N: usize> Controller<N> {
             scenario: targets::without_text(scenario),
             path,
             postures,
-            guide,
+            guide: Guide::new(None, legs),
             forces,
         };
+        let task = Task {
+            model: &setup.model,
+            robot,
+            scenario,
+            path: &setup.path,
+            analyzer: &fresh,
+            q_start: &q_start,
+            postures: setup.postures.goals(),
+        };
+        let is_followed = || rehearsal::is_followed(&setup, fresh.clone(), q_start);
+        let found = task.route_ahead(&is_followed);
+        let obstacle = found.as_ref().err().cloned().or(too_strong);
+        setup.guide = Guide::new(found.ok().flatten(), legs);
+        setup.postures.stay(setup.guide.beyond_reach());
+        let mut state = State::begin(&rest, q_start, setup.model.effort());
+        state.clock.rate = setup.guide.first_speed();
+        if obstacle.is_some() {
+            state.refusal = Refusal::Route;
+        }
         Ok(Self {
             setup,
             state,

@@ -12,15 +12,17 @@
 //! **By which cost.** The time that the motion takes at 0.8 of the speed limits, raised near joint limits and near singular postures, and a price for
 //! every stop and every deviation.
 //!
-//! **When it gives up.** After 40,000 steps in a leg (more in a long curve), or with a layer that has no posture. A first search without further ways is enough where its
-//! route takes no longer than the path; else the spare joint's posture is chosen anew for time ([`ease`]), and a second search adds layers where that
-//! route is nearest to a singular posture: the quicker route is kept. [`Infeasible`] gives the reason otherwise, and how much was covered.
+//! **When it gives up.** After 40,000 steps in a leg (more in a long curve), 100,000 in all, or with a layer that has no posture. A first search without further
+//! ways is enough where its route takes no longer than the path; so is the law without a plan, where it keeps to the path by itself ([`rehearsal`]). Else
+//! the spare joint's posture is chosen anew for time ([`ease`]), and a second search adds layers where that route is nearest to a singular posture: the
+//! quicker route is kept. [`Infeasible`] gives the reason otherwise, and how much was covered.
 //!
 //! The route's own clock u runs as the path's does, but also while the path waits ([`schedule`]). PURE and deterministic; allocates.
 
 pub(crate) mod beyond_reach;
 mod ease;
 pub mod kinematics;
+pub(crate) mod rehearsal;
 mod request;
 mod route;
 pub(crate) mod scenario;
@@ -37,7 +39,7 @@ use kinematics::Kinematics;
 use model::{Model, Pose};
 use nalgebra::{SVector, Vector3};
 use request::{analyse, centre};
-use route::{ARRIVED, Block, Bounds, Effort, Furthest, Knot, Search, Stretch};
+use route::{ADVICE, ARRIVED, Block, Bounds, Effort, Furthest, Knot, STEPS, Search, Stretch};
 
 /// Most layers of a leg.
 pub const LAYERS: usize = 40;
@@ -48,6 +50,8 @@ const LINES: f64 = 10.0;
 const LAYERS_IN_ALL: usize = 4000;
 /// Seeds from which a pose is looked for anywhere in the joint space.
 const SEEDS: u32 = 48;
+/// Points between the end of the furthest route and that of its leg at which the reach is asked for.
+const PROBES: u32 = 50;
 /// Other start postures that are tried for a remedy, how far they lie apart, rad, and the deviations: factors on what the task allows.
 const STARTS: usize = 6;
 const DISTINCT: f64 = 0.1;
@@ -65,21 +69,8 @@ pub struct Infeasible {
     pub time_s: f64,
     /// The cause of its end.
     pub obstacle: Obstacle,
-    /// How much the search has covered.
-    pub covered: Covered,
-}
-
-/// How much a search has covered that found no route.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Covered {
-    /// All branches, self-motions in locks and full turns: there is no route.
-    All,
-    /// A sample of the spare joints' motions.
-    SpareJoints,
-    /// A sample of the ways past a lock within the deviation allowed.
-    PastLocks,
-    /// As much as the bounds of a search allow.
-    Bounded,
+    /// Whether the search has covered all branches, self-motions in locks and full turns, not a sample: there is no route.
+    pub is_certain: bool,
 }
 
 /// The cause of the best route's end.
@@ -118,7 +109,8 @@ pub fn remedy<const N: usize>(
 ) -> Option<Remedy<N>> {
     let legs = (0..).take_while(|i| request.path.leg(*i).is_some()).count();
     let holds = |request: &Request<'_, N>| {
-        attempt(request, Effort::Branches, &[]).is_ok_and(|plan| plan.legs() == legs)
+        let found = attempt(request, Effort::Branches, &[], ADVICE);
+        found.is_ok_and(|plan| plan.legs() == legs)
     };
     let arm = request.kinematics(Vector3::zeros());
     let X = arm.pose(&request.q_start);
@@ -161,20 +153,33 @@ pub fn remedy<const N: usize>(
         .map(|(remedy, _)| remedy)
 }
 
-/// A plan for the whole path, or as far as it lies within reach.
+/// A plan for the whole path, or as far as it lies within reach; `None` where the plain continuation does not do, but the law `is_followed` without.
 ///
 /// # Errors
 /// [`Infeasible`] where no continuous motion within the limits was found that follows the path. A leg whose goal is beyond reach is no such case: the
 /// plan ends where that leg begins.
-pub fn plan<const N: usize>(request: &Request<'_, N>) -> Result<PathPlan<N>, Infeasible> {
-    let is_easy = |found: &Found<N>| found.as_ref().is_ok_and(PathPlan::is_in_time);
-    let plain = attempt(request, Effort::Plain, &[]);
-    if is_easy(&plain) {
-        return plain.map_err(|failed| failed.why);
+pub fn plan<const N: usize>(
+    request: &Request<'_, N>,
+    is_followed: &dyn Fn() -> bool,
+) -> Result<Option<PathPlan<N>>, Infeasible> {
+    let plain = attempt(request, Effort::Plain, &[], STEPS);
+    let is_easy = plain.as_ref().is_ok_and(PathPlan::is_in_time);
+    if !is_easy && is_followed() {
+        return Ok(None);
     }
-    let quick = attempt(request, Effort::Branches, &[]);
-    if is_easy(&quick) {
-        return quick.map_err(|failed| failed.why);
+    let found = if is_easy {
+        plain
+    } else {
+        searched(request, plain)
+    };
+    found.map(Some).map_err(|failed| failed.why)
+}
+
+/// The best of the `plain` continuation and the routes of further searches.
+fn searched<const N: usize>(request: &Request<'_, N>, plain: Found<N>) -> Found<N> {
+    let quick = attempt(request, Effort::Branches, &[], STEPS);
+    if quick.as_ref().is_ok_and(PathPlan::is_in_time) {
+        return quick;
     }
     let times = match &quick {
         Ok(plan) => plan.singular_times(request),
@@ -186,11 +191,11 @@ pub fn plan<const N: usize>(request: &Request<'_, N>) -> Result<PathPlan<N>, Inf
     };
     let mut found = better(plain, quick);
     if has_spare_joints(request) {
-        found = better(found, attempt(request, Effort::Fan, &times));
+        found = better(found, attempt(request, Effort::Fan, &times, STEPS));
     } else if !times.is_empty() {
-        found = better(found, attempt(request, Effort::Branches, &times));
+        found = better(found, attempt(request, Effort::Branches, &times, STEPS));
     }
-    found.map_err(|failed| failed.why)
+    found
 }
 
 /// The better one of two searches: the plan that leads further, the quicker one of those, or the reason of the one that came further.
@@ -228,9 +233,14 @@ struct Failed<const N: usize> {
     legs: usize,
 }
 
-/// One search; `times` are further layers, on the path's clock.
-fn attempt<const N: usize>(request: &Request<'_, N>, effort: Effort, times: &[f64]) -> Found<N> {
-    let mut route = Route::new(*request);
+/// One search of at most so many steps; `times` are further layers, on the path's clock.
+fn attempt<const N: usize>(
+    request: &Request<'_, N>,
+    effort: Effort,
+    times: &[f64],
+    most: u32,
+) -> Found<N> {
+    let mut route = Route::new(*request, most);
     while let Some(leg) = request.path.leg(route.progress.leg).copied() {
         if let Some((place, angle)) = leg.reorient {
             route.turn(&leg, (place, angle));
@@ -274,7 +284,7 @@ struct Route<'a, const N: usize> {
 }
 
 impl<'a, const N: usize> Route<'a, N> {
-    fn new(request: Request<'a, N>) -> Self {
+    fn new(request: Request<'a, N>, most: u32) -> Self {
         let Request {
             model,
             path,
@@ -297,7 +307,7 @@ impl<'a, const N: usize> Route<'a, N> {
         Self {
             request,
             arm,
-            search: Search::new(arm, bounds, q_start),
+            search: Search::new(arm, bounds, q_start, most),
             layer: vec![0],
             begun: progress,
             progress,
@@ -436,14 +446,16 @@ impl<'a, const N: usize> Route<'a, N> {
             q: request.q_start,
             block: Block::End,
         });
-        if !self.search.is_cut() && !reachable(arm, &goal, &far.q) {
+        if !reachable(arm, &goal, &far.q) {
             return None;
         }
-        let beyond = pose((far.t - self.from_s + 0.01 * leg.duration_s).min(leg.duration_s));
         let error = arm.error(&goal, &pose(far.t - self.from_s));
         let left = arm.excess(&error, &goal.R, request.position_m, request.orientation_rad);
+        let leaves = self.leaves_reach(leg, &far);
         let obstacle = match far.block {
-            _ if self.search.is_cut() || left < ARRIVED => Obstacle::Undecided,
+            _ if left < ARRIVED => Obstacle::Undecided,
+            _ if leaves.is_some() => Obstacle::Reach,
+            _ if self.search.is_cut() => Obstacle::Undecided,
             Block::Limit { joint, value } => {
                 let (low, high) = (request.model.lower()[joint], request.model.upper()[joint]);
                 Obstacle::Limit {
@@ -455,22 +467,32 @@ impl<'a, const N: usize> Route<'a, N> {
                     },
                 }
             }
-            Block::End if !reachable(arm, &beyond, &far.q) => Obstacle::Reach,
             // The goal is on the branch where the arm is: the law may get there, though no route of the search does.
             Block::End if arm.approach(&goal, &far.q).is_some() => Obstacle::Undecided,
             Block::End => Obstacle::Discontinuous,
         };
         Some(Infeasible {
             leg: self.progress.leg,
-            time_s: far.t,
+            time_s: leaves.unwrap_or(far.t),
             obstacle,
-            covered: match obstacle {
-                Obstacle::Undecided => Covered::Bounded,
-                _ if has_spare_joints(request) => Covered::SpareJoints,
-                _ if self.search.passes_locks.get() => Covered::PastLocks,
-                _ => Covered::All,
-            },
+            is_certain: obstacle != Obstacle::Undecided
+                && !has_spare_joints(request)
+                && !self.search.passes_locks.get(),
         })
+    }
+
+    /// The time from which on no posture has the path's pose, between the furthest that a route came to and the leg's end, s.
+    fn leaves_reach(&self, leg: &Leg, far: &Furthest<N>) -> Option<f64> {
+        let (pose, mut near) = (self.pose(self.progress), far.q);
+        let (from, rest) = (far.t - self.from_s, leg.duration_s - (far.t - self.from_s));
+        let at = |k: u32| from + rest * f64::from(k) / f64::from(PROBES);
+        let is_out = |k: &u32| {
+            let X = pose(at(*k));
+            let there = self.arm.approach(&X, &near);
+            near = there.unwrap_or(near);
+            there.is_none() && !reachable(&self.arm, &X, &near)
+        };
+        (1..=PROBES).find(is_out).map(|k| self.from_s + at(k - 1))
     }
 
     /// Goes on from one posture alone.

@@ -23,8 +23,11 @@ const STRAIGHT: f64 = 1e-4;
 const SHORTEST: f64 = 1e-7;
 /// Most knots between two layers.
 const KNOTS: usize = 150;
-/// Most steps of a search for each leg that is a line, and for all of them: about 30 µs each, so that the two searches of a leg end within 3 s on a core of their own.
-const BUDGET: (u32, u32) = (40_000, 400_000);
+/// Most steps of a search for each leg that is a line, and for all of them: about 35 µs each, so that the three searches of a plan end within 10 s on a core
+/// of their own; and of a search for advice, of which there are up to eight.
+const BUDGET: u32 = 40_000;
+pub(super) const STEPS: u32 = 100_000;
+pub(super) const ADVICE: u32 = 25_000;
 /// Share of them for routes beside the path: along a lock there are many, and a route on the path is not to fail for their sake.
 const BESIDE: f64 = 0.75;
 /// Most postures kept in a layer, and how far apart they are to lie at first, rad: half as far until there are enough.
@@ -65,6 +68,8 @@ const HOMEWARD: f64 = 0.5;
 const AWAY: f64 = 0.01;
 /// Share of a speed limit that is planned with.
 pub(super) const SPEED: f64 = 0.8;
+/// Cost per time from which on a way is slow.
+const SLOW: f64 = 2.0;
 /// Time that a self-motion costs beside its motion, s.
 const STOP_S: f64 = 0.15;
 
@@ -110,8 +115,9 @@ pub(super) struct Node<const N: usize> {
     pub(super) cost: f64,
     /// On the path, not beside it.
     is_exact: bool,
-    /// How many layers the route has been in a lock without leaving it.
-    locked: u32,
+    /// In a lock, as its parent is.
+    stays_locked: bool,
+    is_locked: bool,
     /// From the parent's posture to this one, the parent's not included.
     knots: Vec<Knot<N>>,
 }
@@ -241,8 +247,9 @@ pub(super) struct Search<'a, const N: usize> {
     /// Steps taken in the present leg, and in those before it.
     spent: Cell<u32>,
     spent_before: u32,
-    /// Most steps in the present leg.
+    /// Most steps in the present leg, and in all.
     budget: u32,
+    most: u32,
     /// Whether a way on has been left out, so that a dead end proves nothing.
     cut: Cell<bool>,
     /// Times of locks that lie between two layers, s.
@@ -254,14 +261,20 @@ pub(super) struct Search<'a, const N: usize> {
 }
 
 impl<'a, const N: usize> Search<'a, N> {
-    pub(super) fn new(arm: Kinematics<'a, N>, bounds: Bounds<N>, q_start: SVector<f64, N>) -> Self {
+    pub(super) fn new(
+        arm: Kinematics<'a, N>,
+        bounds: Bounds<N>,
+        q_start: SVector<f64, N>,
+        most: u32,
+    ) -> Self {
         let start = Node {
             parent: None,
             q: q_start,
             heading: SVector::zeros(),
             cost: 0.0,
             is_exact: true,
-            locked: 0,
+            is_locked: false,
+            stays_locked: false,
             knots: vec![Knot::moving(0.0, q_start)],
         };
         Self {
@@ -271,7 +284,8 @@ impl<'a, const N: usize> Search<'a, N> {
             furthest: None,
             spent: Cell::new(0),
             spent_before: 0,
-            budget: BUDGET.0,
+            budget: BUDGET,
+            most,
             cut: Cell::new(false),
             locks: vec![],
             clear: CLEAR,
@@ -294,7 +308,7 @@ impl<'a, const N: usize> Search<'a, N> {
     fn is_spent(&self, share: f64) -> bool {
         let spent = self.spent.get();
         let is_over = |spent: u32, most: u32| f64::from(spent) > share * f64::from(most);
-        let is_spent = is_over(spent, self.budget) || is_over(spent + self.spent_before, BUDGET.1);
+        let is_spent = is_over(spent, self.budget) || is_over(spent + self.spent_before, self.most);
         self.cut.set(self.cut.get() || is_spent);
         is_spent
     }
@@ -345,7 +359,8 @@ impl<'a, const N: usize> Search<'a, N> {
             heading: SVector::zeros(),
             cost,
             is_exact: true,
-            locked: 0,
+            is_locked: false,
+            stays_locked: false,
             knots,
         });
         Some(self.nodes.len() - 1)
@@ -354,7 +369,7 @@ impl<'a, const N: usize> Search<'a, N> {
     /// Follows a leg from the layer `from`; returns the layer at its end, empty where no route leads there.
     pub(super) fn leg(&mut self, leg: &Stretch<'_, N>, from: &[usize]) -> Vec<usize> {
         self.spent_before += self.spent.take();
-        self.budget = BUDGET.0 * leg.lines;
+        self.budget = BUDGET * leg.lines;
         self.clear = if leg.fans() { CLEAR_SPARE } else { CLEAR };
         let mut layer = from.to_vec();
         for node in &mut layer {
@@ -368,19 +383,22 @@ impl<'a, const N: usize> Search<'a, N> {
         }
         let mut t = 0.0;
         for (k, next) in leg.layers.iter().enumerate() {
-            let ends = k == 0 && leg.from_s == 0.0;
-            let mut opening = layer.clone();
-            // A leg goes on in another direction than the one before.
-            opening.retain(|node| k == 0 || self.opens(*node));
-            for node in opening {
-                layer.extend(self.waits(leg, node, t, ends));
-            }
-            let layer_in = self.prune(layer);
-            layer = layer_in
-                .iter()
-                .flat_map(|node| self.extend(leg, *node, t, *next))
-                .collect();
             layer = self.prune(layer);
+            let (mut onwards, mut opened) = (vec![], vec![]);
+            for node in layer {
+                let on = self.extend(leg, node, t, *next);
+                // A leg goes on in another direction than the one before. What stays in a lock has the same self-motions in every layer.
+                if k == 0 || !self.nodes[node].stays_locked || self.is_slow(node, &on, next - t) {
+                    opened.extend(self.waits(leg, node, t, k == 0 && leg.from_s == 0.0));
+                } else {
+                    self.cut();
+                }
+                onwards.extend(on);
+            }
+            for node in self.prune(opened) {
+                onwards.extend(self.extend(leg, node, t, *next));
+            }
+            layer = self.prune(onwards);
             if layer.is_empty() {
                 return layer;
             }
@@ -391,14 +409,12 @@ impl<'a, const N: usize> Search<'a, N> {
         layer
     }
 
-    /// Whether self-motions are looked for from a posture: a route that stays in a lock has the same ones in every layer, so it is asked ever less often.
-    fn opens(&self, node: usize) -> bool {
-        let locked = self.nodes[node].locked;
-        let opens = locked == 0 || locked.is_power_of_two();
-        if !opens {
-            self.cut();
-        }
-        opens
+    /// Whether a posture goes on to none of the postures `on` exactly and in little more than `dt`: in a lock, a self-motion may then help.
+    fn is_slow(&self, node: usize, on: &[usize], dt: f64) -> bool {
+        let cost = |node: usize| self.nodes[node].cost;
+        let most = cost(node) + SLOW * dt;
+        !on.iter()
+            .any(|on| self.nodes[*on].is_exact && cost(*on) < most)
     }
 
     /// The plain continuation of a posture to the end of a leg.
@@ -500,7 +516,12 @@ impl<'a, const N: usize> Search<'a, N> {
 
     /// The postures of the next layer that follow on one.
     fn extend(&mut self, leg: &Stretch<'_, N>, node: usize, t0: f64, t1: f64) -> Vec<usize> {
-        let Node { q, heading, .. } = self.nodes[node];
+        let Node {
+            q,
+            heading,
+            stays_locked,
+            ..
+        } = self.nodes[node];
         let spectrum = self.arm.spectrum(&q);
         self.pass(spectrum.smallest());
         let ways = self.ways(leg, &q, &spectrum, (t0, t1));
@@ -518,7 +539,8 @@ impl<'a, const N: usize> Search<'a, N> {
         // On the other side of a fold than the leg is to leave it on, the fold is crossed.
         let near = spectrum.smallest() < NEAR;
         let crosses = near && leg.is_across(&q);
-        if crosses || stuck && near || spectrum.smallest() < LOCKED {
+        let enters = spectrum.smallest() < LOCKED && !stays_locked;
+        if crosses || stuck && near || enters {
             for knots in self.folds(leg, &q, &spectrum, t0, t1) {
                 out.extend(self.push_node(leg, node, knots, &ways[0]));
             }
@@ -614,18 +636,15 @@ impl<'a, const N: usize> Search<'a, N> {
             cost += AWAY * away.min(1.0) * (end.t - from_s);
         }
         let is_locked = self.arm.spectrum(&end.q).smallest() < LOCKED;
-        let locked = if is_locked {
-            self.nodes[parent].locked + 1
-        } else {
-            0
-        };
+        let stays_locked = is_locked && self.nodes[parent].is_locked;
         self.nodes.push(Node {
             parent: Some(parent),
             q: end.q,
             heading,
             cost,
             is_exact: !way.is_lax(),
-            locked,
+            is_locked,
+            stays_locked,
             knots,
         });
         Some(self.nodes.len() - 1)

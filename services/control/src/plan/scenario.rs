@@ -3,7 +3,7 @@
 use crate::limits::clock::MARGIN;
 use crate::plan::request::analyse;
 use crate::plan::schedule::SLOWEST;
-use crate::plan::{Covered, Infeasible, Obstacle, PathPlan, Remedy, Request, plan, remedy};
+use crate::plan::{Infeasible, Obstacle, PathPlan, Remedy, Request, plan, remedy};
 use crate::reference::path::Path;
 use crate::reference::turn::{self, Room};
 use crate::setup::{SetupError, posture_goals, start_posture};
@@ -72,11 +72,14 @@ impl<const N: usize> Task<'_, N> {
         })
     }
 
-    /// The plan of the whole path, where the law uses one.
+    /// The plan of the whole path, where the law needs one: not where it `is_followed` in time without.
     ///
     /// # Errors
     /// Why the path cannot be followed, in words: a joint limit in the way of every route, a torque limit, or a path beyond reach between reachable ends.
-    pub(crate) fn route_ahead(&self) -> Result<Option<PathPlan<N>>, String> {
+    pub(crate) fn route_ahead(
+        &self,
+        is_followed: &dyn Fn() -> bool,
+    ) -> Result<Option<PathPlan<N>>, String> {
         let Self {
             model, robot, path, ..
         } = *self;
@@ -89,8 +92,11 @@ impl<const N: usize> Task<'_, N> {
         if let Some(why) = too_near(robot, self.q_start) {
             return Err(why);
         }
-        let (found, velocity) = self.request(|request| (plan(request), request.velocity()));
-        let plan = found.map_err(|error| words(robot, &error))?;
+        let (found, velocity) =
+            self.request(|request| (plan(request, is_followed), request.velocity()));
+        let Some(plan) = found.map_err(|error| words(robot, &error))? else {
+            return Ok(None);
+        };
         let (segment, fastest) = plan.fastest(path, &velocity);
         if fastest < SLOWEST {
             return Err(format!(
@@ -147,8 +153,10 @@ fn advised<const N: usize>(
     };
     // A segment that is too short says by itself what to do.
     let lacks_route = || {
-        let planned = task.request(plan);
-        planned.map_or(true, |plan| task.heaviest(&plan).is_some())
+        let planned = task.request(|request| plan(request, &|| false));
+        planned.map_or(true, |plan| {
+            plan.is_some_and(|plan| task.heaviest(&plan).is_some())
+        })
     };
     if !task.is_planned() || !lacks_route() {
         return Ok(String::new());
@@ -238,20 +246,11 @@ fn words(robot: &Robot, infeasible: &Infeasible) -> String {
         leg,
         time_s,
         obstacle,
-        covered,
+        is_certain,
     } = infeasible;
-    let tried = match covered {
-        Covered::All => "every route",
-        Covered::SpareJoints => "every route tried, with a sample of the spare joints' motions",
-        Covered::PastLocks => {
-            "every route tried, with a sample of the ways past a lock that the deviation allows"
-        }
-        Covered::Bounded => "every route tried before the search was cut short",
-    };
-    let found = if *covered == Covered::All {
-        ""
-    } else {
-        " found"
+    let (found, tried) = match is_certain {
+        true => ("", "every route"),
+        false => (" found", "every route that was tried"),
     };
     let reason = match obstacle {
         Obstacle::Limit { joint, limit } => {

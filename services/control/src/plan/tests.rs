@@ -34,7 +34,7 @@ fn assert_followed<const N: usize>(
     let analyzer = Analyzer::new(&robot, &scenario.analysis);
     let report = analyse(&mut analyzer.clone(), &model, &q_start);
     let path = Path::new(&scenario, model.forward_kinematics(&q_start), &report).unwrap();
-    let plan = plan(&Request {
+    let request = Request {
         model: &model,
         path: &path,
         q_start,
@@ -45,8 +45,8 @@ fn assert_followed<const N: usize>(
         length_m: robot.length_m,
         position_m: 1e-3,
         orientation_rad: 0.5_f64.to_radians(),
-    })
-    .unwrap();
+    };
+    let plan = plan(&request, &|| false).unwrap().unwrap();
     assert_eq!(plan.legs(), 1);
     let mut progress = Progress::at(model.forward_kinematics(&q_start));
     path.advance(&mut progress, 0.0, &report);
@@ -100,6 +100,26 @@ fn a_path_that_stays_in_a_lock_is_followed_at_once() {
             let plan = assert_followed::<6>(name, &q, segment, 2.0);
             assert!(plan.duration_s() < 3.5, "{name} {q}: {}", plan.duration_s());
         }
+    }
+}
+
+/// Out of an exact wrist lock: a line that the law follows by itself, where a route of the search finds no end, and one on which a joint would be too fast.
+#[test]
+fn a_plan_is_made_where_the_law_needs_one() {
+    let short = "[1.16660, -1.04720, 1.07645, -1.67837, 0.0, -1.38465]";
+    let fast = "[-1.92178, -2.06535, 1.46373, 3.04704, 0.0, -2.44722]";
+    for (name, q, by_m, is_planned) in [
+        ("ur10", short, "[-0.0135, -0.0212, -0.042]", false),
+        ("ur5", fast, "[0.0265, 0.0232, -0.0267]", true),
+    ] {
+        let scenario = task(name, q, &format!("by_m = {by_m}"), 2.0);
+        let robot = Robot::builtin(name).unwrap();
+        let model = Model::new(&robot, None).unwrap();
+        let q = crate::start_posture::<6>(&robot, &scenario).unwrap();
+        let controller = crate::Controller::new(model, &robot, &scenario, q).unwrap();
+        assert_eq!(controller.obstacle(), None);
+        let guide = &controller.setup.guide;
+        assert_eq!(guide.at(0, 0.0).is_some(), is_planned, "{name}");
     }
 }
 
