@@ -233,6 +233,22 @@ fn in_real_time_a_replaced_recorder_gets_the_last_messages_once() {
 }
 
 #[test]
+fn in_real_time_a_replacement_is_not_held_up_by_messages_of_before() {
+    let stage = stage(Mode::Realtime);
+    let mut sensors = stage.shell("plant").writer().unwrap();
+    send(&mut sensors, 0..100);
+    stage.control_page.process(1).begin_incarnation();
+    let estimator = stage.shell("estimator");
+    let mut inlet = estimator.reader().unwrap();
+    // It looks before the writer has connected to it, and given it the last messages.
+    assert_eq!(late(&next(&mut inlet).unwrap_err()), Some("plant"));
+    send(&mut sensors, [100]);
+    assert_eq!(at(&mut inlet, 100), Ok(Some(100)));
+    send(&mut sensors, [101]);
+    assert_eq!(next(&mut inlet), Ok(Some(101)));
+}
+
+#[test]
 fn a_process_that_asks_for_more_and_has_not_answered_is_told_so() {
     let stage = stage(Mode::Lockstep);
     let (_estimator, mut sensors, mut inlet) = stage.pair();

@@ -220,6 +220,7 @@ impl Stage<'_> {
         };
         ends(ran, goal_reached || is_at_rest, &mut verdict);
         lives(ran, &mut verdict);
+        follows(ran, truth, &mut verdict);
         age(ran, cell.motion.stale_ticks, &mut verdict);
         record(ran, &mut verdict);
         if let Some((base, again)) = lockstep {
@@ -412,6 +413,26 @@ fn lives(ran: &Ran, verdict: &mut Verdict) {
             });
         }
     }
+}
+
+/// In real time a replacement keeps up: at the end the drives follow the controller again, unless another fault still holds messages back.
+fn follows(ran: &Ran, truth: &[PlantState], verdict: &mut Verdict) {
+    let second = ran.rate_hz() as u64;
+    let is_old = |(seen, fault): (&FaultSummary, &Fault)| {
+        let has_time = seen.tick + (TIME_TO_RETURN_S * ran.rate_hz()) as u64 + second;
+        fault.kind.ends_process(fault.way) && !ends_world(fault) && has_time <= ran.summary.ticks
+    };
+    if ran.is_lockstep() || ran.end != End::Completed || !ran.faults().all(is_old) {
+        return;
+    }
+    let last = truth.iter().rev().take(second as usize);
+    let (total, following) = last.fold((0, 0), |(total, following), state| {
+        let follows = state.drive == DRIVE_ACTIVE;
+        (total + 1, following + u64::from(follows))
+    });
+    verdict.unless(2 * following >= total, "follow", || {
+        format!("the drives followed the controller in {following} of the last {total} ticks")
+    });
 }
 
 /// Nothing is lost but what a dead recorder could not take in, and everything that was written can be read.

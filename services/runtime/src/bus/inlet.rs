@@ -29,6 +29,8 @@ pub(crate) struct Inlet {
     topic: usize,
     /// How many messages the topic had seen, as its writers count them, when the buffer was empty but for what has been received since.
     empty_at: Option<u64>,
+    /// Messages sent before this reader joined may still come, the last to a replacement in real time: those received are not those counted since.
+    has_history: bool,
     fence: Fence,
     admission: Admission,
 }
@@ -37,12 +39,14 @@ impl Inlet {
     pub(crate) fn new(shared: Rc<Context>, receiver: Rc<Receiver>, admission: Admission) -> Self {
         let topic = receiver.format().topic;
         let (writer, topic) = (shared.manifest.writer_of(topic), shared.topic_index(topic));
+        let has_history = !shared.is_lockstep() && shared.entry().incarnation() > 1;
         Self {
             shared,
             receiver,
             writer,
             topic,
             empty_at: None,
+            has_history,
             fence: Fence::default(),
             admission,
         }
@@ -78,7 +82,10 @@ impl Inlet {
                 self.empty_at = (sent > 0).then_some(sent);
                 return Ok(None);
             };
-            self.empty_at = self.empty_at.map(|count| count + 1);
+            self.empty_at = match self.has_history {
+                true => None,
+                false => self.empty_at.map(|count| count + 1),
+            };
             if self.admits(&message) {
                 return Ok(Some(message));
             }

@@ -135,6 +135,17 @@ fn each_guarantee_that_is_broken_is_caught_and_nothing_else() {
         (&["death"], &|ran| {
             ran.summary.faults = vec![of("controller", Kind::Kill, 50)]
         }),
+        (&["follow"], &|ran| {
+            let back = |one: &str| FaultSummary {
+                detected_ms: Some(1.0),
+                recovered_ms: Some(2.0),
+                ..of(one, Kind::Kill, 50)
+            };
+            ran.summary.faults = vec![back("controller")];
+            for state in &mut ran.truth[49..] {
+                state.drive = DRIVE_BRAKED;
+            }
+        }),
         (&["unrequested-end"], &|ran| {
             ran.summary.faults = vec![detected("exit")]
         }),
