@@ -181,14 +181,13 @@ impl Supervised {
     /// why it cannot begin.
     fn ends_early(&mut self, index: usize) -> Result<(), Failure> {
         let exit = self.slots.0[index].exit;
-        if exit.and_then(|exit| exit.signal()).is_none() {
-            return Err(self.died(index, 0));
+        let is_signal = exit.and_then(|exit| exit.signal()).is_some();
+        if self.plan.mode == Mode::Lockstep {
+            self.fall(index);
         }
         match self.plan.mode {
-            Mode::Lockstep => {
-                self.fall(index);
-                Ok(())
-            }
+            _ if !is_signal => Err(self.died(index, 0)),
+            Mode::Lockstep => Ok(()),
             Mode::Realtime => self.plan_restart(index),
         }
     }

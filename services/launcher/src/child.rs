@@ -167,6 +167,13 @@ impl Child {
         }
     }
 
+    /// Whether its end has begun, though it cannot be taken in yet: that of a process with much memory takes milliseconds.
+    pub(crate) fn is_dying(&self) -> bool {
+        let of = |file| std::fs::read_to_string(format!("/proc/{}/{file}", self.pid()));
+        let [stat, status] = ["stat", "status"].map(|file| of(file).unwrap_or_default());
+        is_dying(&stat, &status)
+    }
+
     /// New lines on its standard error.
     pub(crate) fn new_lines(&self) -> Vec<String> {
         let heard = &mut *self.ear.heard();
@@ -191,6 +198,21 @@ impl Child {
     }
 }
 
+/// By the kernel's words: the flags of a task that ends (`PF_EXITING`, `PF_SIGNALED`; proc_pid_stat(5), field 9), or a SIGKILL that it has yet to follow.
+fn is_dying(stat: &str, status: &str) -> bool {
+    const ENDING: u64 = 0x4 | 0x400;
+    const KILL: u64 = 1 << (Signal::KILL.as_raw() - 1);
+    let fields = stat.rsplit_once(") ").map_or("", |(_, rest)| rest);
+    let flags = fields.split(' ').nth(6).and_then(|word| word.parse().ok());
+    let mut pending = status.lines().filter_map(|line| {
+        let word = line
+            .strip_prefix("SigPnd:")
+            .or(line.strip_prefix("ShdPnd:"))?;
+        u64::from_str_radix(word.trim(), 16).ok()
+    });
+    flags.unwrap_or(0_u64) & ENDING != 0 || pending.any(|signals| signals & KILL != 0)
+}
+
 fn pid_of(process: &std::process::Child) -> Pid {
     Pid::from_child(process)
 }
@@ -198,6 +220,27 @@ fn pid_of(process: &std::process::Child) -> Pid {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_process_that_ends_is_told_by_its_flags_and_by_the_signal_that_waits_for_it() {
+        let stat = |flags| format!("7 (a) b) R 1 7 7 0 -1 {flags} 0 0");
+        let status = |own, shared| {
+            format!(
+                "Name:\ta\nSigPnd:\t{own:016x}\nShdPnd:\t{shared:016x}\nSigBlk:\t{:016x}\n",
+                0x100
+            )
+        };
+        for (flags, own, shared, expected) in [
+            (0x0040_0000, 0, 0x4000, false),
+            (0x0040_0004, 0, 0, true),
+            (0x0040_0400, 0, 0, true),
+            (0x0040_0000, 0x100, 0, true),
+            (0x0040_0000, 0, 0x100, true),
+        ] {
+            assert_eq!(is_dying(&stat(flags), &status(own, shared)), expected);
+        }
+        assert!(!is_dying("", ""));
+    }
 
     #[test]
     fn lines_for_which_there_is_no_room_are_dropped_and_the_last_ones_are_kept() {

@@ -116,11 +116,9 @@ impl Launcher {
             started.start(index, commands)?;
         }
         started.stops_at = course.interrupted;
-        let mut has_begun = false;
         let mut halt = match started.await_beginning(commands, &mut course.signals, report)? {
             Some(halt) => halt,
             None => {
-                has_begun = true;
                 report(Event::Go);
                 started.watch(commands, &mut course.signals, report)
             }
@@ -135,7 +133,7 @@ impl Launcher {
         }
         match halt {
             Halt::RollBack => self.roll_back(began, newest, report),
-            Halt::End(end) => Ok(Ran::Ended(Box::new(self.finish(end, has_begun)))),
+            Halt::End(end) => Ok(Ran::Ended(Box::new(self.finish(end)))),
         }
     }
 
@@ -158,8 +156,9 @@ impl Launcher {
             let (started, signals) = (&mut self.started, &mut self.course.signals);
             started.control_page.request_stop(Stop::Early);
             started.stop_all(end.clone(), signals, report);
-            return Ok(Ran::Ended(Box::new(self.finish(end, true))));
+            return Ok(Ran::Ended(Box::new(self.finish(end))));
         }
+        self.started.end_by_force_all(report);
         let mut fallen = std::mem::take(&mut self.started.fallen);
         let done = self.started.ticks();
         let part = done.saturating_sub(from) as f64 / done.saturating_sub(before).max(1) as f64;
@@ -178,10 +177,9 @@ impl Launcher {
         }
         self.course.note(fallen);
         let Self {
-            mut started,
+            started,
             mut course,
         } = self;
-        started.end_by_force_all(report);
         for (known, slot) in course.restarts.iter_mut().zip(&started.slots.0) {
             known.1 += slot.unheard();
         }
@@ -191,11 +189,10 @@ impl Launcher {
         Ok(Ran::RolledBack(Box::new(Self { started, course })))
     }
 
-    fn finish(mut self, end: End, has_begun: bool) -> Outcome {
+    fn finish(mut self, end: End) -> Outcome {
         let (started, course) = (&mut self.started, &mut self.course);
         course.note(std::mem::take(&mut started.fallen));
-        if has_begun
-            && started.plan.mode == Mode::Realtime
+        if started.plan.mode == Mode::Realtime
             && let End::Failed(Failure::Died { process, .. }) = &end
         {
             started.enter_last_death(process);
@@ -206,17 +203,29 @@ impl Launcher {
     }
 }
 
+/// Whether a process has ended for a reason of its own that would come again, after these earlier deaths, in a start from a tick on.
+fn is_last(death: &Death, earlier: &[Death], begin: u64, restart: Restart) -> bool {
+    let Death {
+        process,
+        tick,
+        exit,
+        ..
+    } = death;
+    let is_signal = exit.signal().is_some();
+    let is_same = |one: &Death| (&one.process, one.tick, one.exit) == (process, *tick, *exit);
+    // All that die before their first tick die at the same one, whenever and whatever for.
+    let is_telling = !is_signal || *tick > begin;
+    exit.is_own()
+        && (restart == Restart::Never && !is_signal || is_telling && earlier.iter().any(is_same))
+}
+
 impl Course {
     /// Why these deaths are the end of the run: too many, or an error of its own that comes again, or whose process is not to be started again.
     fn end_of_patience(&self, fallen: &[Fallen], started: &Supervised) -> Option<Failure> {
         let unplanned = || fallen.iter().filter(|one| !one.is_planned);
         let is_again = |one: &&Fallen| {
-            let is_it = |earlier: &Death| {
-                (&earlier.process, earlier.tick) == (&one.death.process, one.death.tick)
-                    && earlier.exit == one.death.exit
-            };
-            let is_never = started.plan.children[one.index].restart == Restart::Never;
-            one.death.exit.is_own() && (is_never || self.deaths.iter().any(is_it))
+            let restart = started.plan.children[one.index].restart;
+            is_last(&one.death, &self.deaths, started.plan.begin.tick, restart)
         };
         let last = if self.roll_backs >= MOST_ROLL_BACKS {
             unplanned().next()
@@ -246,6 +255,44 @@ impl Course {
             faults: faults.map(|(_, account)| account).collect(),
             deaths: self.deaths.clone(),
             last_lines: started.last_lines.clone(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use runtime::Exit;
+
+    use super::*;
+
+    #[test]
+    fn an_error_that_comes_again_ends_the_run_and_a_crash_does_not_at_once() {
+        let death = |tick, exit| Death {
+            process: "plant".to_owned(),
+            tick,
+            exit,
+            last_line: None,
+            again: None,
+        };
+        let always = Restart::Budget {
+            times: 5,
+            back_off: std::time::Duration::ZERO,
+        };
+        let (crash, error, kill) = (Exit::Signal(11), Exit::Code(1), Exit::Signal(9));
+        for (exit, tick, earlier, restart, expected) in [
+            (crash, 1420, None, Restart::Never, false),
+            (crash, 1420, Some(1420), Restart::Never, true),
+            (crash, 1420, Some(1420), always, true),
+            (crash, 1420, Some(1300), always, false),
+            (crash, 1000, Some(1000), always, false),
+            (error, 1000, Some(1000), always, true),
+            (error, 1420, None, always, false),
+            (error, 1420, None, Restart::Never, true),
+            (kill, 1420, Some(1420), Restart::Never, false),
+        ] {
+            let earlier: Vec<_> = earlier.map(|tick| death(tick, exit)).into_iter().collect();
+            let found = is_last(&death(tick, exit), &earlier, 1000, restart);
+            assert_eq!(found, expected, "{exit} at {tick} after {earlier:?}");
         }
     }
 }

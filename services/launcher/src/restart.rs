@@ -68,7 +68,7 @@ impl Supervised {
     fn enter_death(&mut self, index: usize) -> Result<(), Failure> {
         let table = self.control_page.fault_table();
         if self.listed_end(index).is_none() {
-            let tick = self.control_page.process(index).ticks();
+            let tick = self.control_page.process(index).end_tick();
             let death = ScheduledFault::death(index as u32, tick, self.plan.rate_hz);
             let Some(place) = table.enter(&death, Origin::Detected) else {
                 return Err(Failure::NoRoom {
@@ -132,7 +132,7 @@ impl Supervised {
     /// The first tick that a process which has ended did not answer, as the fault table has it or will have it.
     fn tick_of_end(&self, index: usize) -> u64 {
         self.listed_end(index)
-            .unwrap_or_else(|| self.control_page.process(index).ticks())
+            .unwrap_or_else(|| self.control_page.process(index).end_tick())
     }
 
     /// The tick at which the fault table has the death of a process's last incarnation, if any.

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use runtime::{Exit, Mode, State, Stop};
 use rustix::process::Signal;
 
+use crate::child::Child;
 use crate::delay::Delay;
 use crate::launch::Halt;
 use crate::outcome::{End, Failure};
@@ -15,6 +16,9 @@ use crate::spawn::{BEAT, Slot, Supervised};
 
 /// A program that has not joined the run by then is stopped by signals.
 const TO_JOIN: Duration = Duration::from_secs(1);
+
+/// The end of a process by the launcher's own hand.
+const KILLED: Exit = Exit::Signal(Signal::KILL.as_raw());
 
 /// How some of the processes are stopped.
 struct Ending {
@@ -100,11 +104,8 @@ impl Supervised {
             return is_excused;
         }
         match is_polled {
-            true => is_complete || !insists && is_killed,
-            false => {
-                let by_kill = exit == Some(Exit::Signal(Signal::KILL.as_raw()));
-                is_complete && by_kill && child.restart != Restart::Never
-            }
+            true => is_killed && (is_complete || !insists),
+            false => is_complete && exit == Some(KILLED) && child.restart != Restart::Never,
         }
     }
 
@@ -175,15 +176,40 @@ impl Supervised {
         failure
     }
 
-    /// Kills all that still live: they start again.
+    /// Kills all that still live: they start again. Those that have died by themselves are noted before.
+    ///
+    /// Of a process that was killed by others after the last look nobody can say whose SIGKILL it died of: it is not noted, for the launcher's was on
+    /// its way. One that has ended in another way did not end by the launcher's.
     pub(crate) fn end_by_force_all(&mut self, report: Report<'_>) {
+        loop {
+            self.note_ends(report, |_| true);
+            let mut living = self.slots.0.iter().filter_map(|slot| slot.child.as_ref());
+            if !living.any(Child::is_dying) {
+                break;
+            }
+            self.rest(BEAT);
+        }
         let children = self.slots.0.iter_mut();
         for child in children.filter_map(|slot| slot.child.as_mut()) {
             child.signal(Signal::KILL);
         }
         while self.slots.0.iter().any(|slot| slot.child.is_some()) {
             self.rest(BEAT);
-            self.take_in_exits(report);
+            self.note_ends(report, |exit| exit != KILLED);
+        }
+    }
+
+    /// Takes in the ends since the last look, and notes those that were deaths: not that of a plant after its last tick.
+    fn note_ends(&mut self, report: Report<'_>, is_noted: impl Fn(Exit) -> bool) {
+        for index in self.take_in_exits(report) {
+            let slot = &self.slots.0[index];
+            let is_over = |exit: Exit| slot.is_done && exit.is_success();
+            if slot
+                .exit
+                .is_some_and(|exit| is_noted(exit) && !is_over(exit))
+            {
+                self.fall(index);
+            }
         }
     }
 

@@ -229,6 +229,9 @@ impl Joined {
         self.state.1 = false;
         if let Some(tick) = tick {
             self.patience.begin(tick);
+            if self.role == Role::Observer {
+                self.shell.shared().entry().show(tick);
+            }
         }
         Ok(tick)
     }

@@ -87,6 +87,8 @@ pub struct ProcessEntry {
     doorbell: Doorbell,
     /// Ticks done: the heartbeat. Tick k done is k + 1.
     ticks: AtomicU64,
+    /// Of a process that only reads: the tick that it was shown last. Those done lag behind, by all that it takes in at once.
+    shown: AtomicU64,
     pid: AtomicU32,
     incarnation: AtomicU32,
     state: AtomicU32,
@@ -111,6 +113,16 @@ impl ProcessEntry {
     #[inline]
     pub(crate) fn set_ticks(&self, ticks: u64) {
         self.ticks.store(ticks, Ordering::Release);
+    }
+
+    #[inline]
+    pub(crate) fn show(&self, tick: u64) {
+        self.shown.store(tick, Ordering::Release);
+    }
+
+    /// Of a process that has ended: the first tick that it has not done.
+    pub fn end_tick(&self) -> u64 {
+        self.ticks().max(self.shown.load(Ordering::Acquire))
     }
 
     /// The launcher, for a dead process: closes the ticks before `tick`, which the process has answered and not closed any more.

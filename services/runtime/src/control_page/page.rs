@@ -19,7 +19,7 @@ use shared_types::process::MAX_PROCESSES;
 use shared_types::topics::MAX_TOPICS;
 
 /// "armbrd" and the version of this layout.
-const MAGIC: u64 = u64::from_be_bytes(*b"armbrd\0\x06");
+const MAGIC: u64 = u64::from_be_bytes(*b"armbrd\0\x07");
 
 /// Phase of a run's start.
 ///
