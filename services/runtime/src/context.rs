@@ -4,7 +4,7 @@
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use shared_types::wire::Header;
@@ -36,16 +36,16 @@ pub(crate) use order::{CHAIN_LAG, RECORDER_LAG};
 pub(crate) struct StopFlag {
     /// The stage of the run's end that concerns it.
     pub(crate) at: Stop,
-    /// SIGTERM or SIGINT has arrived.
-    pub(crate) signalled: Arc<AtomicBool>,
+    /// The number of the SIGTERM or SIGINT that has arrived; 0: none has.
+    pub(crate) signalled: Arc<AtomicUsize>,
 }
 
 impl StopFlag {
     /// Catches SIGTERM and SIGINT.
     pub(crate) fn new(is_polled: bool) -> std::io::Result<Self> {
-        let signalled = Arc::new(AtomicBool::new(false));
+        let signalled = Arc::new(AtomicUsize::new(0));
         for signal in [libc::SIGTERM, libc::SIGINT] {
-            signal_hook::flag::register(signal, Arc::clone(&signalled))?;
+            signal_hook::flag::register_usize(signal, Arc::clone(&signalled), signal as usize)?;
         }
         Ok(Self {
             signalled,
@@ -158,7 +158,7 @@ impl Context {
 
     #[inline]
     pub(crate) fn is_stopping(&self) -> bool {
-        self.control_page.stop() >= self.stop.at || self.stop.signalled.load(Ordering::Relaxed)
+        self.control_page.stop() >= self.stop.at || self.stop.signalled.load(Ordering::Relaxed) != 0
     }
 
     /// The topic's place on the control page.

@@ -7,6 +7,7 @@ use std::process::ExitCode;
 use process::Step;
 use shared_types::job::{JOB, Job};
 
+use crate::control_page::State;
 use crate::drive::drive;
 use crate::shell::{Inhabitant, OpenError, ProcessError, Shell};
 
@@ -71,6 +72,13 @@ impl Shell {
             None => variable(PROCESS_VARIABLE)?.to_string_lossy().into_owned(),
         };
         let shell = Self::open_as(&run_dir, &name, whose)?;
+        // The launcher has begun its incarnation, and nobody has taken part as it.
+        if !matches!(
+            shell.shared().entry().state(),
+            State::Absent | State::Starting
+        ) {
+            return Err(OpenError::Again { process: name });
+        }
         shell.greet().map_err(OpenError::Occupancy)?;
         Ok(shell)
     }

@@ -81,6 +81,12 @@ pub enum OpenError {
         /// Its process id.
         pid: u32,
     },
+    /// It has been in the run, and has left it.
+    #[error("{process} has taken part in this run already: a program joins its run once")]
+    Again {
+        /// The name in the graph.
+        process: String,
+    },
     /// Its place in the run cannot be taken.
     #[error("cannot take a place in the run: {0}")]
     Occupancy(std::io::Error),

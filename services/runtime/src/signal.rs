@@ -15,8 +15,9 @@ impl Shell {
     /// complete: a replacement would not come, and of the plant the run would take it for its end.
     pub fn pass_signal_on(&self) {
         let shared = self.shared();
-        if shared.stop.signalled.load(Ordering::Relaxed) && !self.is_run_stopping() {
-            end_by(libc::SIGTERM);
+        let signal = shared.stop.signalled.load(Ordering::Relaxed) as i32;
+        if signal != 0 && !self.is_run_stopping() {
+            end_by(signal);
         }
     }
 
