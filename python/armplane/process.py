@@ -1,9 +1,23 @@
 """Base classes for processes of a run. A subclass defines one tick; `run()` does the rest."""
 
+import os
 import sys
+import threading
 import traceback
 
 from .joined import Joined, ProcessError
+
+
+def _ending(hook):
+    """A hook for an error that Python prints and ignores, in a thread, in `__del__` or at its end: it ends the program, for a traceback is no success."""
+
+    def ends(error):
+        hook(error)
+        if error.exc_type is not SystemExit:
+            sys.stderr.flush()
+            os._exit(1)
+
+    return ends
 
 
 class Process:
@@ -69,6 +83,7 @@ class Process:
         """Joins the run that started this program, and returns at its end."""
         # A line printed is a line in the log of the run, at once.
         sys.stdout.reconfigure(line_buffering=True)
+        threading.excepthook, sys.unraisablehook = _ending(threading.excepthook), _ending(sys.unraisablehook)
         try:
             joined = Joined()
         except (ProcessError, OSError) as error:

@@ -1,5 +1,5 @@
 """An estimator, standard library only. The argument says how it goes wrong at tick 200 of its first incarnation."""
-import os, signal, struct, sys, time
+import atexit, os, signal, struct, sys, threading, time
 import armplane
 
 HOW = sys.argv[1] if len(sys.argv) > 1 else ""
@@ -14,6 +14,11 @@ class Estimator(armplane.Process):
             os._exit(0)
         if HOW == "refuses":
             raise RuntimeError("no licence")
+        if HOW == "thread":
+            threading.Thread(target=lambda: 1 / 0).start()
+            time.sleep(1)
+        if HOW == "at its end":
+            atexit.register(lambda: 1 / 0)
         if HOW == "hides":
             self.end = 2.5
 
@@ -68,3 +73,5 @@ class Estimator(armplane.Process):
             raise ValueError("too late")
 
 Estimator.run()
+if HOW == "joins again":
+    Estimator.run()
