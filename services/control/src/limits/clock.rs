@@ -10,7 +10,7 @@ use crate::linear::{angular, linear};
 use crate::reference::along_lost;
 use crate::state::State;
 use crate::tick::{Motion, Now};
-use nalgebra::SVector;
+use nalgebra::{SVector, Vector6};
 
 /// Slowest clock, but where the plan asks for a slower one.
 const SLOWEST: f64 = 0.05;
@@ -162,7 +162,7 @@ pub(crate) fn step<const N: usize>(
                 .guide
                 .speed(motion.planned.as_ref(), state.clock.plan_s, clock)
                 .min(state.targets.fastest.clock)
-                .min(along_boundary(now, motion)),
+                .min(along_boundary(setup, now, motion)),
             is_planned: motion.planned.is_some(),
         };
         let dt = setup.scenario.dt_s();
@@ -177,11 +177,12 @@ pub(crate) fn step<const N: usize>(
 }
 
 /// Fastest clock with which the hand keeps beside a path beyond reach.
-fn along_boundary<const N: usize>(now: &Now<'_, N>, motion: &Motion<N>) -> f64 {
+fn along_boundary<const N: usize>(setup: &Setup<N>, now: &Now<'_, N>, motion: &Motion<N>) -> f64 {
     if !motion.clips {
         return 1.0;
     }
     let across = motion.error - along_lost(&motion.error, now.report);
+    let across = Vector6::from_fn(|k, _| if setup.task[k] { across[k] } else { 0.0 });
     let strayed = (linear(&across).norm() / STRAYED.0).max(angular(&across).norm() / STRAYED.1);
     let strayed = strayed.max(1.0);
     (1.0 / (strayed * strayed * strayed)).max(SLOWEST)
