@@ -8,6 +8,8 @@ trap 'for job in $(jobs -p); do kill -KILL -- -$job; done 2> /dev/null || true' 
 start() {
     $ARMPLANE "$@" > out 2> err &
     launcher=$!
+    # Until then it is this shell, which takes a signal for its own.
+    while [ -e /proc/$launcher/exe ] && ! [ /proc/$launcher/exe -ef $ARMPLANE ]; do :; done
 }
 
 # The name of its directory in shared memory.
