@@ -350,8 +350,8 @@ mod tests {
             ("name = \"x\"", "name = \"x\"\nrate_hz = 1", 2),
             (
                 TIME,
-                "duration_s = 1.0\n[[fault]]\nprocess = \"plant\"\nkind = \"kill\"\njoint = 1",
-                10,
+                "duration_s = 1.0\n[[fault]]\nprocess = \"plant\"\nkind = \"kill\"\nat_tick = 0\njoint = 1",
+                11,
             ),
         ];
         let many = "[[segment]]\nduration_s = 1.0\n".repeat(MOST_SEGMENTS);
