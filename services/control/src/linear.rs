@@ -255,6 +255,13 @@ pub fn angular(twist: &Vector6<f64>) -> Vector3<f64> {
     twist.fixed_rows::<3>(3).into_owned()
 }
 
+/// The parts of a twist or error along the axes that a task serves, zero along the others.
+#[must_use]
+#[inline]
+pub fn served(task: &[bool; 6], twist: &Vector6<f64>) -> Vector6<f64> {
+    Vector6::from_fn(|k, _| if task[k] { twist[k] } else { 0.0 })
+}
+
 /// Cubic step: 0 at x ≤ 0, 1 at x ≥ 1, flat at both ends.
 #[must_use]
 #[inline]

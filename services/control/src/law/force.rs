@@ -260,7 +260,8 @@ impl Forces {
             let (joint, most) = (0..N)
                 .map(|i| (i, most(i)))
                 .min_by(|a, b| a.1.total_cmp(&b.1))?;
-            let stiffest = STIFFEST / (mobility(terms, &row)? * dt * dt);
+            let (_, mobility) = response(terms, &row).ok()?;
+            let stiffest = STIFFEST / (mobility * dt * dt);
             if force.stiffness_n_m > stiffest {
                 return Some(format!(
                     "segment {leg} presses on {} N/m, and at {:.0} Hz the hand would bounce off what is stiffer than {stiffest:.0} N/m: raise rate_hz",
@@ -326,17 +327,20 @@ pub(crate) fn step<const N: usize>(
     Ok(())
 }
 
-/// 1/Λ along e: the acceleration of the hand under a force of 1 N, 1/kg. `None`: the mass matrix has no inverse.
-fn mobility<const N: usize>(terms: &Terms<N>, row: &SVector<f64, N>) -> Option<f64> {
-    let A = Cholesky::new(terms.A).ok()?;
-    Some(row.dot(&A.solve(row)).max(MOBILITY))
+/// Of a force of 1 N along e: A⁻¹Jᵀe, the acceleration of the joints, and 1/Λ, that of the hand along e, 1/kg.
+fn response<const N: usize>(
+    terms: &Terms<N>,
+    row: &SVector<f64, N>,
+) -> Result<(SVector<f64, N>, f64), Refusal> {
+    let A = Cholesky::new(terms.A).map_err(|_| Refusal::Singular)?;
+    let response = A.solve(row);
+    Ok((response, row.dot(&response).max(MOBILITY)))
 }
 
 /// The force along e that explains the disturbance torque, −J̄_eᵀτ; N.
 fn unexplained<const N: usize>(now: &Now<'_, N>, row: &SVector<f64, N>) -> Result<f64, Refusal> {
-    let A = Cholesky::new(now.terms.A).map_err(|_| Refusal::Singular)?;
-    let response = A.solve(row);
-    Ok(-response.dot(now.tau_disturbance) / row.dot(&response).max(MOBILITY))
+    let (response, mobility) = response(now.terms, row)?;
+    Ok(-response.dot(now.tau_disturbance) / mobility)
 }
 
 impl Pressing {

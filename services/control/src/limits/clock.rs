@@ -6,11 +6,11 @@ use super::torque::Limited;
 use super::{range, speed};
 use crate::controller::Setup;
 use crate::law::Torques;
-use crate::linear::{angular, linear};
+use crate::linear::{angular, linear, served};
 use crate::reference::along_lost;
 use crate::state::State;
 use crate::tick::{Motion, Now};
-use nalgebra::{SVector, Vector6};
+use nalgebra::SVector;
 
 /// Slowest clock, but where the plan asks for a slower one.
 const SLOWEST: f64 = 0.05;
@@ -182,7 +182,7 @@ fn along_boundary<const N: usize>(setup: &Setup<N>, now: &Now<'_, N>, motion: &M
         return 1.0;
     }
     let across = motion.error - along_lost(&motion.error, now.report);
-    let across = Vector6::from_fn(|k, _| if setup.task[k] { across[k] } else { 0.0 });
+    let across = served(&setup.task, &across);
     let strayed = (linear(&across).norm() / STRAYED.0).max(angular(&across).norm() / STRAYED.1);
     let strayed = strayed.max(1.0);
     (1.0 / (strayed * strayed * strayed)).max(SLOWEST)

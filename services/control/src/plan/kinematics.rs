@@ -1,6 +1,6 @@
 //! Inverse kinematics by Newton steps, in units in which a metre and a radian compare (+).
 
-use crate::linear::{angular, displaced, linear, stack, symmetric_eigen};
+use crate::linear::{angular, displaced, linear, served, stack, symmetric_eigen};
 use crate::reference::free_axis::{free_axis, rotation_error};
 use model::{Model, Pose};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3, Vector6};
@@ -109,7 +109,7 @@ impl<const N: usize> Kinematics<'_, N> {
     pub fn error(&self, X_d: &Pose, X: &Pose) -> Vector6<f64> {
         let turn = rotation_error(&X_d.R, &X.R, free_axis(&self.task).as_ref());
         let e = stack(&((X_d.p - X.p) / self.length_m), &turn);
-        Vector6::from_fn(|k, _| if self.task[k] { e[k] } else { 0.0 })
+        served(&self.task, &e)
     }
 
     /// The spectrum of the unit-scaled Jacobian at C.

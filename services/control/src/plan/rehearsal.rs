@@ -3,7 +3,7 @@
 //! In a lock the law turns ζ while the path begins, and need not wait for it. A route of the search stops there, or takes another way.
 
 use crate::controller::Setup;
-use crate::linear::{angular, linear};
+use crate::linear::{angular, linear, served};
 use crate::reference::path::Leg;
 use crate::singularity::analyzer::Analyzer;
 use crate::state::State;
@@ -43,7 +43,7 @@ pub(crate) fn is_followed<const N: usize>(
     let mut state = State::begin(&model.evaluate(&q, &zero), q, model.effort());
     let mut error = Vector6::zeros();
     let share = |error: &Vector6<f64>, mm: f64, deg: f64| {
-        let served = Vector6::from_fn(|k, _| if setup.task[k] { error[k] } else { 0.0 });
+        let served = served(&setup.task, error);
         (linear(&served).norm() * 1e3 / mm).max(angular(&served).norm().to_degrees() / deg)
     };
     for tick in 0..ticks.ceil() as u64 + 1 {

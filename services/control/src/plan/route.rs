@@ -115,8 +115,7 @@ pub(super) struct Node<const N: usize> {
     pub(super) cost: f64,
     /// On the path, not beside it.
     is_exact: bool,
-    /// In a lock, as its parent is.
-    stays_locked: bool,
+    /// In a lock.
     is_locked: bool,
     /// From the parent's posture to this one, the parent's not included.
     knots: Vec<Knot<N>>,
@@ -274,7 +273,6 @@ impl<'a, const N: usize> Search<'a, N> {
             cost: 0.0,
             is_exact: true,
             is_locked: false,
-            stays_locked: false,
             knots: vec![Knot::moving(0.0, q_start)],
         };
         Self {
@@ -360,7 +358,6 @@ impl<'a, const N: usize> Search<'a, N> {
             cost,
             is_exact: true,
             is_locked: false,
-            stays_locked: false,
             knots,
         });
         Some(self.nodes.len() - 1)
@@ -388,7 +385,7 @@ impl<'a, const N: usize> Search<'a, N> {
             for node in layer {
                 let on = self.extend(leg, node, t, *next);
                 // A leg goes on in another direction than the one before. What stays in a lock has the same self-motions in every layer.
-                if k == 0 || !self.nodes[node].stays_locked || self.is_slow(node, &on, next - t) {
+                if k == 0 || !self.stays_locked(node) || self.is_slow(node, &on, next - t) {
                     opened.extend(self.waits(leg, node, t, k == 0 && leg.from_s == 0.0));
                 } else {
                     self.cut();
@@ -407,6 +404,14 @@ impl<'a, const N: usize> Search<'a, N> {
         // A leg ends on the path, however it was left meanwhile.
         layer.retain(|node| self.closes(*node, &(leg.pose)(t)));
         layer
+    }
+
+    /// Whether a posture is in a lock, as the one before it is.
+    fn stays_locked(&self, node: usize) -> bool {
+        let Node {
+            is_locked, parent, ..
+        } = self.nodes[node];
+        is_locked && parent.is_some_and(|parent| self.nodes[parent].is_locked)
     }
 
     /// Whether a posture goes on to none of the postures `on` exactly and in little more than `dt`: in a lock, a self-motion may then help.
@@ -516,12 +521,7 @@ impl<'a, const N: usize> Search<'a, N> {
 
     /// The postures of the next layer that follow on one.
     fn extend(&mut self, leg: &Stretch<'_, N>, node: usize, t0: f64, t1: f64) -> Vec<usize> {
-        let Node {
-            q,
-            heading,
-            stays_locked,
-            ..
-        } = self.nodes[node];
+        let Node { q, heading, .. } = self.nodes[node];
         let spectrum = self.arm.spectrum(&q);
         self.pass(spectrum.smallest());
         let ways = self.ways(leg, &q, &spectrum, (t0, t1));
@@ -539,7 +539,7 @@ impl<'a, const N: usize> Search<'a, N> {
         // On the other side of a fold than the leg is to leave it on, the fold is crossed.
         let near = spectrum.smallest() < NEAR;
         let crosses = near && leg.is_across(&q);
-        let enters = spectrum.smallest() < LOCKED && !stays_locked;
+        let enters = spectrum.smallest() < LOCKED && !self.stays_locked(node);
         if crosses || stuck && near || enters {
             for knots in self.folds(leg, &q, &spectrum, t0, t1) {
                 out.extend(self.push_node(leg, node, knots, &ways[0]));
@@ -636,7 +636,6 @@ impl<'a, const N: usize> Search<'a, N> {
             cost += AWAY * away.min(1.0) * (end.t - from_s);
         }
         let is_locked = self.arm.spectrum(&end.q).smallest() < LOCKED;
-        let stays_locked = is_locked && self.nodes[parent].is_locked;
         self.nodes.push(Node {
             parent: Some(parent),
             q: end.q,
@@ -644,7 +643,6 @@ impl<'a, const N: usize> Search<'a, N> {
             cost,
             is_exact: !way.is_lax(),
             is_locked,
-            stays_locked,
             knots,
         });
         Some(self.nodes.len() - 1)
