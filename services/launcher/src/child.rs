@@ -156,22 +156,21 @@ impl Child {
 
     /// Whether the kernel has it stopped (SIGSTOP), or a debugger holds it.
     pub(crate) fn halted(&self) -> Option<Delay> {
-        let stat =
-            std::fs::read_to_string(format!("/proc/{}/stat", self.pid())).unwrap_or_default();
-        // The second field is the command in parentheses and may contain anything: count from its end.
-        let (_, rest) = stat.rsplit_once(") ")?;
-        match rest.chars().next()? {
-            'T' => Some(Delay::Stopped),
-            't' => Some(Delay::Traced),
+        match fields(&self.of_kernel("stat")).next()? {
+            "T" => Some(Delay::Stopped),
+            "t" => Some(Delay::Traced),
             _ => None,
         }
     }
 
     /// Whether its end has begun, though it cannot be taken in yet: that of a process with much memory takes milliseconds.
     pub(crate) fn is_dying(&self) -> bool {
-        let of = |file| std::fs::read_to_string(format!("/proc/{}/{file}", self.pid()));
-        let [stat, status] = ["stat", "status"].map(|file| of(file).unwrap_or_default());
-        is_dying(&stat, &status)
+        is_dying(&self.of_kernel("stat"), &self.of_kernel("status"))
+    }
+
+    /// A file of the kernel on it; empty where it is gone.
+    fn of_kernel(&self, file: &str) -> String {
+        std::fs::read_to_string(format!("/proc/{}/{file}", self.pid())).unwrap_or_default()
     }
 
     /// New lines on its standard error.
@@ -198,12 +197,17 @@ impl Child {
     }
 }
 
+/// The fields of a `stat` from the third on, the state. The second is the command in parentheses and may contain anything: they count from its end.
+fn fields(stat: &str) -> impl Iterator<Item = &str> {
+    let rest = stat.rsplit_once(") ").map(|(_, rest)| rest.split(' '));
+    rest.into_iter().flatten()
+}
+
 /// By the kernel's words: the flags of a task that ends (`PF_EXITING`, `PF_SIGNALED`; proc_pid_stat(5), field 9), or a SIGKILL that it has yet to follow.
 fn is_dying(stat: &str, status: &str) -> bool {
     const ENDING: u64 = 0x4 | 0x400;
     const KILL: u64 = 1 << (Signal::KILL.as_raw() - 1);
-    let fields = stat.rsplit_once(") ").map_or("", |(_, rest)| rest);
-    let flags = fields.split(' ').nth(6).and_then(|word| word.parse().ok());
+    let flags = fields(stat).nth(6).and_then(|word| word.parse().ok());
     let mut pending = status.lines().filter_map(|line| {
         let word = line
             .strip_prefix("SigPnd:")
