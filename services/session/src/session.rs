@@ -182,8 +182,7 @@ fn settle(
     if let Some(options) = &request.ros2 {
         ros2::add(&mut loaded, options)?;
     }
-    let is_ours =
-        |one: &Process| one.role() == Role::World && !one.is_of_others() && one.robot.is_empty();
+    let is_ours = |one: &Process| one.role() == Role::World && one.program().is_some();
     let scenario = &loaded.scenario;
     let has_surface = !scenario.plant.surface.is_empty();
     if scenario.presses() && !has_surface && loaded.graph.process.iter().any(is_ours) {
