@@ -21,7 +21,7 @@ class ProcessError(Exception):
 
 class _Now(ctypes.Structure):
     _fields_ = [("tick", ctypes.c_uint64), ("fresh", ctypes.c_uint64)]
-    _fields_ += [(name, ctypes.c_uint32) for name in "lockstep rate_hz dof incarnation keeps reserved".split()]
+    _fields_ += [(name, ctypes.c_uint32) for name in ("lockstep", "rate_hz", "dof", "incarnation", "keeps", "reserved")]
 
 
 class _Topic(ctypes.Structure):

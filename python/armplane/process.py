@@ -27,7 +27,7 @@ class Process:
     `incarnation`: number of starts of this process in this run.
     """
 
-    _GIVEN = "joined now job dof dt lockstep incarnation topics".split()
+    _GIVEN = ("joined", "now", "job", "dof", "dt", "lockstep", "incarnation", "topics")
 
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)

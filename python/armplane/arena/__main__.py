@@ -283,7 +283,7 @@ def one_run(entry, scenario, folder, more, record=False):
     summary = json.loads(file.read_text())
     near, task = summary["singularities"], summary["task"]
     found = {**_scalars(task), **_scalars(summary["joints"]), "missed": ", ".join(task["missed"])}
-    found |= {key: summary[key] for key in "robot ticks completed outcome reason".split()} | ({"s_min": min(one["s_min"] for one in near)} if near else {})
+    found |= {key: summary[key] for key in ("robot", "ticks", "completed", "outcome", "reason")} | ({"s_min": min(one["s_min"] for one in near)} if near else {})
     return {**found, "inside_ticks": sum(one["inside_ticks"] for one in near), "hash": summary["topics"].get("torque", {}).get("hash", "")}
 
 

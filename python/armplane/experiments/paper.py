@@ -12,7 +12,7 @@ from .. import _armplane
 from ..trials import trace
 from .style import BLUE, GREY, INK, RED, SINGULARITIES, curves, digits, legend, page, postures, undistorted
 
-SCENARIOS = "fig1-pseudo-inverse fig2-dynamically-consistent elbow-in-and-out overhead-pass fig4-elbow-and-wrist fig5-wrist-rotation".split()
+SCENARIOS = ("fig1-pseudo-inverse", "fig2-dynamically-consistent", "elbow-in-and-out", "overhead-pass", "fig4-elbow-and-wrist", "fig5-wrist-rotation")
 HAND_M = 0.15  # of the stick that shows the hand's axis
 POSTURES = 9
 SWING_S = 0.33  # half a swing of the null space

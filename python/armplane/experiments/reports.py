@@ -12,8 +12,16 @@ from ..trials import _settings
 from .style import BLUE, curves, page
 from .sweeps import lack, read
 
-SHOWN = """position_max_mm orthogonal_max_mm orientation_max_deg orthogonal_max_deg final_position_mm speed_max_ratio torque_max_ratio
-torque_step_max_ratio""".split()
+SHOWN = [
+    "position_max_mm",
+    "orthogonal_max_mm",
+    "orientation_max_deg",
+    "orthogonal_max_deg",
+    "final_position_mm",
+    "speed_max_ratio",
+    "torque_max_ratio",
+    "torque_step_max_ratio",
+]
 CLASSES = 10
 
 
@@ -32,7 +40,7 @@ def report(folder, by="position_max_mm", keys=None, worst=10):
     if by not in table or not pd.api.types.is_numeric_dtype(table[by]) or table[by].isna().all():
         raise ValueError(f"the column {by!r} has no numbers; take one such as {SHOWN[0]}")
     shown = [column for column in dict.fromkeys([*SHOWN, by]) if column in table]
-    spread = table[shown].quantile([0, 0.5, 0.9, 0.99, 1]).T.set_axis("min p50 p90 p99 max".split(), axis=1)
+    spread = table[shown].quantile([0, 0.5, 0.9, 0.99, 1]).T.set_axis(["min", "p50", "p90", "p99", "max"], axis=1)
     # First those that did not come to their task's end, then by the column; a number that is none is larger.
     ranked = table.dropna(subset=by).assign(done=table.get("completed", True)).sort_values(["done", by, "run"], ascending=[True, False, True], kind="stable")
 
