@@ -177,7 +177,7 @@ impl Session {
         }
     }
 
-    /// What a path names, or the sum of numbers and of what several paths name.
+    /// The values that a path names, or the sum of numbers and of what several paths name.
     fn sum(&self, text: &str) -> Vec<Value> {
         let number = |term| Some(vec![Value::from(f64::from_str(term).ok()?)]);
         let term = |term| number(term).unwrap_or_else(|| self.found(term));
@@ -189,7 +189,7 @@ impl Session {
         vec![numbers.sum::<f64>().into()]
     }
 
-    /// What a path names: of the last command, or of the one in front of its colon.
+    /// The values that a path names: of the last command, or of the one in front of its colon.
     fn found(&self, path: &str) -> Vec<Value> {
         let (name, path) = path.split_once(':').unwrap_or(("", path));
         let mut commands = self.said.iter().rev();
@@ -206,7 +206,7 @@ impl Session {
 
 const OPERATORS: [&str; 9] = ["=", "!=", "<", "<=", ">", ">=", "in", "has", "lacks"];
 
-/// What it printed for machines: a list where there is more than one line of it.
+/// Its output for machines: a list where there is more than one line of it.
 fn json(said: &Said) -> Value {
     let lines = serde_json::Deserializer::from_str(&said.out).into_iter();
     let mut all: Vec<Value> = lines

@@ -1,7 +1,7 @@
 # For transcripts that do something to a run while it goes on.
 set -m
 trap 'for job in $(jobs -p); do kill -KILL -- -$job; done 2> /dev/null || true' EXIT
-# What waits for ever ends.
+# A wait without an end is cut short.
 { sleep 600; kill -KILL $$; } > /dev/null 2>&1 &
 
 # ARGUMENTS: a run, with its output in `out` and `err`; `launcher` is its process.

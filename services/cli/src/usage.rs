@@ -1,4 +1,4 @@
-//! What is wrong with a command's arguments, in one sentence: cause and remedy.
+//! A mistake in a command's arguments, in one sentence: cause and remedy.
 
 use clap::Command;
 use clap::error::{ContextKind, ContextValue, ErrorKind};

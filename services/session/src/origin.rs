@@ -62,7 +62,7 @@ pub(crate) struct Origin {
     pub(crate) branch: Branch,
 }
 
-/// What a run that goes on knows of the ticks before.
+/// The ticks before a run that goes on, as far as its summary needs them.
 pub(crate) struct Earlier {
     /// The tick from which it goes on.
     tick: u64,
@@ -523,7 +523,7 @@ impl Origin {
         Ok(self.begin.clone())
     }
 
-    /// What the run that goes on knows of this one.
+    /// This run, as the summary of the one that goes on needs it.
     pub(crate) fn earlier(&self) -> Earlier {
         Earlier::new(self.begin.tick, self.faults.clone())
     }

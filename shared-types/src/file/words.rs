@@ -77,7 +77,7 @@ pub(super) fn explain(message: &str) -> (String, String) {
 /// Letters by which the nearest name may differ.
 const MOST_APART: usize = 3;
 
-/// What people call things, and what they are called here.
+/// Words that people write, and the name that each stands for here.
 const OTHER_WORDS: [(&str, &str); 7] = [
     (
         "hand tcp ee eef flange gripper tip end-effector end_effector",

@@ -97,7 +97,7 @@ fn remove(name: &str) -> Result<(), Failure> {
     Ok(())
 }
 
-/// What `armplane bench hop` measures of a topic.
+/// The time of a topic, as `armplane bench hop` measures it.
 fn ours(program: &str, place: &str) -> Result<Vec<(usize, f64)>, Failure> {
     let place = if place == "across" { "cross" } else { "same" };
     let bytes = OURS.to_string();
