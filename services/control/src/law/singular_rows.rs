@@ -75,11 +75,14 @@ pub(crate) fn engaged<const N: usize>(
     let ahead = setup.path.ahead(&state.progress, *now.p_EC);
     let planned = state.qdot_planned;
     let mut out = SingularRows::none();
+    // The motion by which the folds open that come before a singularity.
+    let mut opening = Vector6::zeros();
     for (i, s) in now.report.listed().iter().enumerate() {
+        let fold = Opening::of(setup, i, (now, motion));
         let gains = Gains {
             k: control.k_aux,
             k_v: control.k_v,
-            rate_max: setup.rate_max(i, s),
+            rate_max: fold.rate_max,
             slew: setup.slew(i, s),
         };
         let situation = Situation {
@@ -90,6 +93,7 @@ pub(crate) fn engaged<const N: usize>(
             desired: &motion.desired,
             ahead: &ahead,
             error: &motion.error,
+            opening: &opening,
             lower: setup.model.lower(),
             upper: setup.model.upper(),
             rate_max: gains.rate_max,
@@ -97,6 +101,7 @@ pub(crate) fn engaged<const N: usize>(
             clips: motion.clips,
         };
         let target = target(setup, state, i, s, &situation, (now, motion))?;
+        opening += fold.per_aux * target.error;
         let beside = |_| gains.beside(target.rate, setup.slew_by_torque(s, &now.terms.A));
         let gains = motion.planned.map_or(gains, beside);
         let one = &mut state.loops[i];
@@ -124,6 +129,47 @@ pub(crate) fn engaged<const N: usize>(
         }
     }
     Ok(out)
+}
+
+/// Velocity along a ζ that is lost beside a fold at which the fold may carry the hand, m/s and rad/s: while ζ is turned out of its way, the drift is small.
+const CARRIED: (f64, f64) = (0.002, 0.01);
+
+/// The opening of a fold inside its neighbourhood, without a plan.
+struct Opening {
+    /// Motion at C per rad of the coordinate, m and 1; zero of what is no fold.
+    per_aux: Vector6<f64>,
+    /// Its largest rate, rad/s: one at which the coordinates of the other lost directions can hold the hand along them.
+    rate_max: f64,
+}
+
+impl Opening {
+    fn of<const N: usize>(
+        setup: &Setup<N>,
+        place: usize,
+        (now, motion): (&Now<'_, N>, &Motion<N>),
+    ) -> Self {
+        let (s, listed) = (&now.report.singularities[place], now.report.listed());
+        let rate_max = setup.rate_max(place, s);
+        if s.class != Class::Type1 || !s.inside || motion.planned.is_some() {
+            let per_aux = Vector6::zeros();
+            return Self { per_aux, rate_max };
+        }
+        let per_aux = now.at.J * s.aux_row / s.aux_row.norm_squared().max(CARRIED.1);
+        let turnable = |other: &Singularity<N>| other.inside && other.class == Class::Type2;
+        let others = listed
+            .iter()
+            .enumerate()
+            .filter(|(_, other)| turnable(other));
+        let rates = others.map(|(j, other)| {
+            let drift = if other.angular { CARRIED.1 } else { CARRIED.0 };
+            let held = other.gain.abs() * setup.rate_max(j, other);
+            (held + drift) / other.zeta_B.dot(&per_aux).abs().max(drift)
+        });
+        Self {
+            per_aux,
+            rate_max: rates.fold(rate_max, f64::min),
+        }
+    }
 }
 
 /// The load of one singularity on the clock: its loop's own, or the wait for a planned coordinate.

@@ -59,6 +59,8 @@ pub struct Situation<'a, const N: usize> {
     pub ahead: &'a Ahead<'a>,
     /// Pose error at C, `[p_d − p; log(R_d Rᵀ)]`.
     pub error: &'a Vector6<f64>,
+    /// Motion at C by which the folds before it will open, `[m; rad]`: at the lock ζ is turned out of its way, too.
+    pub opening: &'a Vector6<f64>,
     /// Lower joint limits, rad.
     pub lower: &'a SVector<f64, N>,
     /// Upper joint limits, rad.

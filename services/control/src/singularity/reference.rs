@@ -25,7 +25,7 @@ const FOLLOW: (f64, f64) = (0.2, 0.1);
 /// Curvature along a that is hardly any, unit-scaled.
 const BENT: f64 = 1e-3;
 
-/// Share of the gain below which both sides of a fold are as good; how far each is looked along, what one must have more in room, and the distance from
+/// Share of the gain below which both sides of a lock are as good; how far each is looked along, what one must have more in room, and the distance from
 /// a joint limit at which the coordinate is not driven on, rad.
 const UNSETTLED: f64 = 0.1;
 const FAR: f64 = 2.0;
@@ -76,8 +76,9 @@ const FLAT: f64 = 0.02;
 /// Distance to a joint limit that counts as free, rad: further away it does not matter to which side a neighbourhood is left.
 const ROOM: f64 = 0.5;
 
-/// Distance along the self-motion that settles on which side of the lock the arm is, rad.
-const SIDE: f64 = 0.01;
+/// Distance along the self-motion that settles on which side of the lock the arm is; and from which on it keeps that side, though the other has more
+/// room, rad.
+const SIDE: (f64, f64) = (0.01, 0.1);
 
 /// The coordinate y of a fold as the desired pose needs it: y_d² = y² + 2ζᵀe/h with h = −κ₁, because the motion along ζ is h·y²/2 and ζ points outwards.
 ///
@@ -112,7 +113,8 @@ pub(super) fn direction<const N: usize>(
     let (share, times) = if memory.passing { AGAIN } else { (1.0, 1.0) };
     let most = share * if s.angular { LOST.1 } else { LOST.0 };
     let x = s.zeta_B.dot(at.error);
-    let is_lost = s.s < times * FOUND && x.abs() > most;
+    let off = x.abs().max(s.zeta_B.dot(at.opening).abs());
+    let is_lost = s.s < times * FOUND && off > most;
     // A row that hardly bends has its vertex too far away to be a place to go to.
     let least = BENT * if s.angular { 1.0 } else { length_m };
     let is_bent = s.s < s.eta_out && s.kappa_1.abs() > least;
@@ -129,7 +131,14 @@ pub(super) fn direction<const N: usize>(
     };
     strategy.or_else(|| {
         memory.passing = false;
-        Some(follow(s, at, k, memory))
+        let way = follow(s, at, k, memory);
+        // Another direction of Π bends the other way: the path waits until the lock is left along the self-motion.
+        let waits = way.clipped && s.class == Class::Mixed && !at.clips;
+        Some(Direction {
+            clipped: way.clipped && !waits,
+            passing: waits,
+            ..way
+        })
     })
 }
 
@@ -401,7 +410,7 @@ fn aside<const N: usize>(
         memory.passing = false;
         return None;
     }
-    let d = left_of_leg(s, at);
+    let d = left_of_leg(s, at) + half(s, at.opening);
     let (zeta, T) = (s.axis(), s.R_BS.column(1).cross(&s.axis()));
     let (along, across) = (zeta.dot(&d), T.dot(&d));
     let square = along * along + across * across;
@@ -460,12 +469,14 @@ fn leave<const N: usize>(
     at: &Situation<'_, N>,
     memory: &mut Memory,
 ) -> Direction {
-    let room = |side| room(side, s, at, ROOM);
-    let decided = s.aux.abs() > SIDE;
+    let room = |side| room(side, s, at, FAR);
+    let decided = s.aux.abs() > SIDE.0;
     if !memory.passing || decided && s.aux * memory.side < 0.0 {
         let more = sign(room(1.0) >= room(-1.0));
         let away = if decided { s.aux.signum() } else { more };
-        memory.side = if room(away) < 0.1 { -away } else { away };
+        let is_narrow = room(away) + NARROW < room(-away);
+        let changes = room(away) < NARROW || is_narrow && s.aux.abs() < SIDE.1;
+        memory.side = away * sign(!changes);
         memory.passing = true;
     }
     let rate = memory.side * LEAVE.min(at.rate_max);

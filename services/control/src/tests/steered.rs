@@ -12,6 +12,7 @@ use shared_types::codes::{
 };
 use shared_types::scenario::Scenario;
 use shared_types::{MAX_DOF, ServoState, TargetContent};
+use std::f64::consts::FRAC_PI_2;
 
 /// A target and for how many ticks it is in force.
 type Held = (TargetContent, u64);
@@ -150,6 +151,62 @@ fn an_arm_with_a_spare_joint_rests_in_a_lock_beyond_which_its_target_leads() {
     let (state, [_, qdot]) = steer::<7>("panda", lock, &[(outwards, 2000)]).unwrap();
     assert_eq!(state.reason, REASON_REACH);
     assert!(qdot.amax() < 0.01, "{qdot}");
+}
+
+/// Steered out of an exact lock for 4 s at a constant twist: its largest error orthogonal to the twist asked for, m and rad, and the share of it that is made.
+fn out_of_a_lock(name: &str, lock: [f64; 7], twist: [f64; 6]) -> ([f64; 2], f64) {
+    let model = Model::<7>::new(robot(name), None).unwrap();
+    let from = model.forward_kinematics(&SVector::from(lock));
+    let asked = nalgebra::Vector6::from(twist) * 4.0;
+    let target = TargetContent {
+        kind: TARGET_TWIST,
+        valid_s: 10.0,
+        twist,
+        ..Default::default()
+    };
+    let (mut worst, mut share) = ([0.0_f64; 2], 0.0);
+    for ticks in [200, 1000, 4000] {
+        let (_, [q, _]) = steer::<7>(name, &format!("q = {lock:?}"), &[(target, ticks)]).unwrap();
+        let to = model.forward_kinematics(&q);
+        let turn = crate::linear::rotation_log(&(to.R * from.R.transpose()));
+        let moved = crate::linear::stack(&(to.p - from.p), &turn);
+        share = moved.dot(&asked) / asked.norm_squared();
+        let across = moved - asked * share;
+        worst[0] = worst[0].max(crate::linear::linear(&across).norm());
+        worst[1] = worst[1].max(crate::linear::angular(&across).norm());
+    }
+    (worst, share)
+}
+
+/// Beside ζ, of a lock that is left along its self-motion: until then the path waits, and the hand does not slide along a boundary that is none.
+#[test]
+fn a_lock_that_can_be_left_is_no_boundary_of_reach() {
+    let shoulder = [
+        -1.740517, 0.0, 1.552531, -2.054121, 2.081972, 1.910335, -2.244619,
+    ];
+    let (across, share) = out_of_a_lock(
+        "panda",
+        shoulder,
+        [-0.037466, 0.031717, 0.009504, 0.0, 0.0, 0.0],
+    );
+    assert!(across[0] < 0.0015 && share > 0.85, "{across:?}, {share}");
+    let wrist = [
+        0.524049, 0.911452, 2.226591, 1.526029, FRAC_PI_2, 0.0, 1.149802,
+    ];
+    let (across, share) = out_of_a_lock(
+        "iiwa14",
+        wrist,
+        [0.0, 0.0, 0.0, -0.043285, -0.233927, 0.182769],
+    );
+    assert!(across[0] < 0.0015 && share > 0.85, "{across:?}, {share}");
+}
+
+/// Upright and stretched, a fold opens in a plane in which no joint holds the hand: ζ of the shoulder is turned out of that plane first.
+#[test]
+fn an_elbow_waits_for_the_shoulder_that_is_lost_beside_it() {
+    let upright = [-1.93176, 0.0, 1.309074, 0.0, 1.695218, 1.702621, -0.337249];
+    let (across, share) = out_of_a_lock("iiwa14", upright, [0.0, 0.0, -0.05, 0.0, 0.0, 0.0]);
+    assert!(across[0] < 0.006 && share > 0.4, "{across:?}, {share}");
 }
 
 /// Starts close to the end of a joint's range, inside the wrist's neighbourhood or beside it.
