@@ -1,6 +1,6 @@
 # Types; `help(armplane.Law)` has the words, with shapes and units.
 from os import PathLike
-from typing import Mapping, final
+from typing import Any, Mapping, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -50,6 +50,7 @@ class Reference:
     pose: _Doubles
     twist: _Doubles
     acceleration: _Doubles
+    force: dict[str, Any] | None
     def __new__(cls, job: str) -> Reference: ...
     def advance(self, by_s: float, rate: float, q: ArrayLike, qdot: ArrayLike, report: bytes) -> None: ...
 

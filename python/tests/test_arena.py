@@ -122,6 +122,64 @@ def test_a_cheat_is_caught(tmp_path, task, end, missed):
     assert not cheat["s1"] and not cheat["s2"] and missed in cheat["missed"]
 
 
+PRESSER = """
+import numpy as np
+
+import armplane.arena
+
+
+class Presser(armplane.arena.Torque):
+    presses = {presses}
+
+    def torque(self, q, qdot, ref):
+        J, A = self.arm.J(q), self.arm.A(q)
+        a = 900 * self.arm.error(q, ref) + 60 * (ref.V - J @ qdot) + ref.a
+        wrench = np.linalg.solve(J @ np.linalg.solve(A, J.T) + 1e-4 * np.eye(6), a)
+        if ref.force:
+            wrench[:3] += ref.force.axis * ref.force.newtons
+        self.arm.move_to(q, 0 * qdot)
+        return J.T @ wrench + self.arm.bias()
+"""
+
+
+@pytest.mark.parametrize("plant", ["", "--plant mujoco"])
+def test_an_opponent_presses_and_one_that_cannot_is_not_run(tmp_path, plant):
+    pytest.importorskip("mujoco")
+    for name in ("True", "False"):
+        (tmp_path / f"{name}.py").write_text(PRESSER.replace("{presses}", name))
+    laws = compare(tmp_path / "a", f"wipe-through-wrist-lock {plant} --law presses={tmp_path}/True.py,not={tmp_path}/False.py")
+    assert laws[0]["completed"] and laws[0]["force"]["rms_n"] < 2 and laws[0]["force"]["lift_off_ticks"] == 0 and laws[0]["force"]["impact_max_n"] < 20
+    assert laws[1]["outcome"] == "failed" and not laws[1]["completed"]
+
+
+@pytest.mark.parametrize("of_tool", [False, True])
+def test_a_surface_is_approached_and_its_force_waited_for(of_tool):
+    from armplane.arena import Reference
+    from armplane.arena.pressing import Pressing
+
+    def press(surface, asked):
+        """Ticks until the path goes on, with a hand that goes at once where it is led, and presses as it is told."""
+        pressing, z, ticks = Pressing(1e-3), 0.0, 0
+        axis, R = np.array([0.0, 0, -1]), np.diag([1.0, -1, -1])
+        asked = {"axis": R @ axis if of_tool else axis, "of_tool": of_tool, "newtons": 10.0, "stiffness_n_m": 1e4, "until_newtons": None, "ramp_s": 0.3} | asked
+        while ticks == 0 or pressing.waits:
+            ref = Reference(np.eye(4), np.ones(6), np.ones(6), 0, False)
+            pressing.take(ref, asked, R, np.array([0, 0, z]), -axis * 1e4 * max(0.0, surface - z))
+            speed = 0 if ref.force else -asked["approach_m_s"]
+            assert np.allclose(ref.V, [1, 1, speed, 1, 1, 1]) and ref.a[2] == 0
+            if ref.force:
+                assert abs(ref.p[2] - z) < 1e-12 and abs(ref.force.surface + surface) < 1e-9 and np.all(ref.force.axis == axis)
+            z, ticks = surface - ref.force.newtons / 1e4 if ref.force else ref.p[2], ticks + 1
+        return ticks
+
+    slow = {"approach_m_s": 0.01, "reach_m": 0.05}
+    # 5 mm at 10 mm/s, then nine tenths of the ramp, and 50 ms.
+    assert 760 < press(-0.005, slow) < 860
+    assert 500 < press(-0.005, slow | {"until_newtons": 1.0}) < 600
+    with pytest.raises(ValueError):
+        press(-0.1, slow)
+
+
 # An opponent may write wherever its user may: it states its score, and makes the task easier.
 FORGER = """
 import json

@@ -19,7 +19,7 @@ from ..lazy import found
 OPPONENTS = sorted((Path(__file__).parents[1] / "opponents").glob("[!_]*.py"))
 # Conditions under which a task is run.
 GIVEN_CLOCK, OWN_CLOCK, NO_HINTS = "given clock", "own clock", "no hints"
-_PLACES = {"arm": ("Arm",), "laws": ("Position", "Reference", "Torque", "Velocity")}
+_PLACES = {"arm": ("Arm",), "laws": ("Position", "Reference", "Torque", "Velocity"), "pressing": ("Force",)}
 __all__ = ["OPPONENTS", *sum(_PLACES.values(), ())]
 
 

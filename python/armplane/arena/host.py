@@ -22,6 +22,7 @@ from armplane import wire
 from ..drive import mask
 from .arm import Arm
 from .laws import Law, Reference
+from .pressing import Pressing
 
 
 def load(path):
@@ -54,6 +55,12 @@ class Host(armplane.Controller):
         self.law.begin(Arm(self.mjcf()), self.dt, known)
         self.path = armplane.Reference(json.dumps(self.job))
         self.settle, self.times, self.rate, self.ended = self.job["scenario"]["settle_s"], [], 1.0, None
+        self.pressing, self.wrist, name = Pressing(self.dt), self.topics.get("wrist_force"), type(self.law).__name__
+        if any(segment.get("force") for segment in known["segment"]):
+            if not self.law.presses:
+                raise ValueError(f"{name} controls no force: leave out `force`, or take a law that follows `ref.force` and says so with `presses = True`")
+            if self.wrist is None:
+                raise ValueError(f"{name} needs a sensor at the wrist: set plant.wrist_sensor = true, or extend the graph \"force\"")
 
     def control(self, tick, estimate, singularity, state, torque):
         n = self.dof
@@ -65,12 +72,14 @@ class Host(armplane.Controller):
         if self.ended is None and (self.path.done or tick * self.dt > PATIENCE * self.path.duration_s):
             self.ended = tick
         ref = Reference(self.path.pose, self.path.twist, self.path.acceleration, self.path.leg, self.path.done)
+        if self.wrist is not None:
+            self.pressing.take(ref, self.path.force, *self.law.arm.pose(q), np.array(self.wrist.force_n))
         began = time.perf_counter_ns()
         tau = np.asarray(self.law.torque(q, qdot, ref), float).reshape(n)
         self.times.append(time.perf_counter_ns() - began)
         if not np.all(np.isfinite(tau)):
             raise ValueError(f"{type(self.law).__name__} gives a torque that is no number at tick {tick}")
-        self.rate = float(np.clip(self.law.rate, 0, 1))
+        self.rate = 0.0 if self.pressing.waits else float(np.clip(self.law.rate, 0, 1))
         state.path_time_s, state.segment = min(self.path.time_s, self.path.duration_s), ref.leg
         self._answer(tick, tau, ref, state, torque)
 

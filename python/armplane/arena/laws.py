@@ -9,10 +9,21 @@ _RISE, _FREE = 4.0, 0.05
 
 
 class Reference:
-    """The commanded motion at a tick: rotation `R` and position `p`, twist `V`, acceleration `a`, the `leg` of the path, and whether it is `done`."""
+    """The commanded motion at a tick: rotation `R` and position `p`, twist `V`, acceleration `a`, the `leg` of the path, and whether it is `done`.
+
+    `force`: what the hand presses with now, a `Force`, along whose axis `p` is where the hand is, and `V` and `a` are zero; `None` where it does not press.
+    """
+
+    force = None
 
     def __init__(self, pose, V, a, leg, done):
         self.R, self.p, self.V, self.a, self.leg, self.done = pose[:3, :3], pose[:3, 3], V, a, leg, done
+
+    def lead(self, axis, place, speed):
+        """Puts another motion in place of the path's along a unit vector: at `place`, m, with `speed`, m/s."""
+        self.p = self.p + axis * (place - axis @ self.p)
+        self.V[:3] += axis * (speed - axis @ self.V[:3])
+        self.a[:3] -= axis * (axis @ self.a[:3])
 
     def after(self, dt):
         """The pose that this motion leads to in `dt` seconds, as rotation and position."""
@@ -27,6 +38,8 @@ class Law:
     """
 
     rate = 1.0
+    # Whether it follows `ref.force`. A law that does not is not run where a scenario presses.
+    presses = False
     # Settings of its attributes that are tried when it is tuned, at most six.
     trials = ()
 

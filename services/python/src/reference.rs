@@ -4,7 +4,9 @@ use control::centre::PoseMotion;
 use control::{GroundTruth, Progress, ground_truth};
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 use shared_types::job::Job;
+use shared_types::scenario::Force;
 use shared_types::{PlantState, SingularityReport};
 
 use crate::{numbers, refused};
@@ -12,12 +14,15 @@ use crate::{numbers, refused};
 /// The commanded path of a run, `Reference(job)` with the text of its `job.json`: the code by which the judge follows it.
 ///
 /// `advance` moves along it; then `pose` (4, 4), m, `twist` (6,) and `acceleration` (6,), `[linear; angular]` in the axes of B, `leg`, `time_s` and `done`
-/// are those of the place come to. `duration_s` is the time that the path takes by its own clock.
+/// are those of the place come to. `duration_s` is the time that the path takes by its own clock. `force` is what the leg presses with: a dictionary of its keys
+/// in the scenario, and `axis` as a unit vector (3,), in the hand's axes where `of_tool`; `None` where it does not.
 #[pyclass(unsendable, module = "armplane")]
 pub(crate) struct Reference {
     truth: Box<dyn GroundTruth>,
     place: Progress,
     state: PlantState,
+    /// Of each leg.
+    forces: Vec<Option<Force>>,
     dof: usize,
     /// The motion at the place; `None` where there is none.
     desired: Option<PoseMotion>,
@@ -40,6 +45,12 @@ impl Reference {
         Ok(Self {
             desired: truth.desired(&place, 0.0),
             place,
+            forces: job
+                .scenario
+                .segment
+                .into_iter()
+                .map(|one| one.force)
+                .collect(),
             duration_s: truth.duration_s(),
             dof: robot.dof(),
             truth,
@@ -82,6 +93,25 @@ impl Reference {
     #[getter]
     fn leg(&self) -> usize {
         self.place.leg
+    }
+
+    #[getter]
+    fn force<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
+        let force = self.forces.get(self.place.leg).and_then(Option::as_ref);
+        let Some((force, (axis, of_tool))) = force.and_then(|it| Some((it, it.direction()?)))
+        else {
+            return Ok(None);
+        };
+        let found = PyDict::new(py);
+        found.set_item("axis", PyArray1::from_slice(py, &axis))?;
+        found.set_item("of_tool", of_tool)?;
+        found.set_item("newtons", force.newtons)?;
+        found.set_item("stiffness_n_m", force.stiffness_n_m)?;
+        found.set_item("until_newtons", force.until_newtons)?;
+        found.set_item("ramp_s", force.ramp_s)?;
+        found.set_item("approach_m_s", force.approach_m_s)?;
+        found.set_item("reach_m", force.reach_m)?;
+        Ok(Some(found))
     }
 
     #[getter]
