@@ -203,12 +203,15 @@ fn lay_over(table: &mut toml::Table, setting: &str) -> Result<(), (String, Strin
         .ok()
         .and_then(|mut parsed| parsed.remove("value"))
         .unwrap_or_else(|| toml::Value::String(value.to_owned()));
-    let missing = |key: &str| {
+    let missing = |remedy: String| {
         (
-            format!("`{key}` does not name a place in the file"),
-            "the keys are those of the file: `armplane generate schema scenario` lists them"
-                .to_owned(),
+            format!("`{path}` does not name a place in the file"),
+            remedy,
         )
+    };
+    let unknown = || {
+        let all = "the keys are those of the file: `armplane generate schema scenario` lists them";
+        missing(all.to_owned())
     };
     let mut keys = path.trim().split('.').peekable();
     let first = keys.next().unwrap_or_default();
@@ -218,7 +221,7 @@ fn lay_over(table: &mut toml::Table, setting: &str) -> Result<(), (String, Strin
     };
     if !table.contains_key(first) && second.parse::<usize>().is_ok() {
         // An element of a list that the file does not have.
-        return Err(missing(path));
+        return Err(missing(format!("the file has no [[{first}]]")));
     }
     let mut place = table
         .entry(first)
@@ -234,18 +237,20 @@ fn lay_over(table: &mut toml::Table, setting: &str) -> Result<(), (String, Strin
                 .entry(key)
                 .or_insert_with(|| toml::Value::Table(toml::Table::new())),
             toml::Value::Array(items) => {
-                let index: usize = key.parse().map_err(|_| missing(path))?;
-                let item = items.get_mut(index).ok_or_else(|| missing(path))?;
+                let end = items.len().saturating_sub(1);
+                let known = format!("this list has {first}.0 to {first}.{end}");
+                let item = key.parse().ok().and_then(|i: usize| items.get_mut(i));
+                let item = item.ok_or_else(|| missing(known))?;
                 if last {
                     *item = value;
                     return Ok(());
                 }
                 item
             }
-            _ => return Err(missing(path)),
+            _ => return Err(unknown()),
         };
     }
-    Err(missing(path))
+    Err(unknown())
 }
 
 /// Refuses a value that breaks a condition.

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 
 use rustix::fs::{FileType, Mode, OFlags, fcntl_setfl, fstat, open as open_at};
 use rustix::io::Errno;
+use shared_types::file::nearest;
 use shared_types::job::RobotText;
 
 /// Opens a file for reading.
@@ -78,15 +79,50 @@ pub fn read_text(path: &Path, most: u64) -> io::Result<String> {
 /// The sentence.
 pub fn text(path: &Path, most: u64) -> Result<String, String> {
     read_text(path, most).map_err(|error| {
-        let path = path.display();
+        let name = path.display();
         match error.kind() {
-            io::ErrorKind::InvalidInput => format!("cannot read {path}: {error}; give the path of a file, or a pipe as /dev/stdin or <(…)"),
-            io::ErrorKind::NotFound => format!("there is no file {path}: give the path of one that exists"),
-            io::ErrorKind::InvalidData => format!("{path} is not text: save it as UTF-8"),
-            io::ErrorKind::IsADirectory => format!("{path} is a folder: give the path of a file"),
-            _ => format!("cannot read {path}: {error}"),
+            io::ErrorKind::InvalidInput => format!("cannot read {name}: {error}; give the path of a file, or a pipe as /dev/stdin or <(…)"),
+            io::ErrorKind::NotFound => format!("there is no file {name}: {}", instead_of(path)),
+            io::ErrorKind::InvalidData => format!("{name} is not text: save it as UTF-8"),
+            io::ErrorKind::IsADirectory => format!("{name} is a folder: give the path of a file"),
+            _ => format!("cannot read {name}: {error}"),
         }
     })
+}
+
+/// Files of a folder that a sentence lists at most, and those that are looked at.
+const LISTED: usize = 6;
+const SEEN: usize = 1000;
+
+/// The remedy for a file that is not there: one of its kind in its folder with a similar name, or those that there are.
+fn instead_of(path: &Path) -> String {
+    let folder = path
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty());
+    let folder = folder.unwrap_or(Path::new("."));
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let is_alike = |one: &Path| one.extension() == path.extension() && one.is_file();
+    let Ok(entries) = folder.read_dir() else {
+        return format!("there is no folder {}", folder.display());
+    };
+    let paths = entries.flatten().take(SEEN).map(|entry| entry.path());
+    let names = paths.filter(|one| is_alike(one)).filter_map(|one| {
+        let name = one.file_name()?.to_str()?;
+        Some(name.to_owned())
+    });
+    let mut names: Vec<String> = names.collect();
+    names.sort();
+    let mut known = names.iter().map(String::as_str);
+    match nearest(&name, known.clone()) {
+        Some(near) => format!("did you mean `{}`?", path.with_file_name(near).display()),
+        None if names.is_empty() || names.len() > LISTED => {
+            "give the path of one that exists".to_owned()
+        }
+        None => {
+            let all = known.by_ref().collect::<Vec<_>>().join(", ");
+            format!("in its folder there are {all}")
+        }
+    }
 }
 
 /// The texts of an arm, named as its file: a URDF or MJCF with its description, or where none is given the TOML file of the same name beside it, if there is one.

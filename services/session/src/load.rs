@@ -90,15 +90,23 @@ impl Source {
             )));
         }
         let is_path = name.contains('/') || path.extension().is_some();
-        if !is_path && !path.exists() {
+        let file = format!("{name}.toml");
+        let beside = Some(&*file).filter(|file| Path::new(file).is_file());
+        let built_in = name
+            .strip_suffix(".toml")
+            .filter(|name| scenarios::text(name).is_some());
+        if !path.exists() && (!is_path || built_in.is_some()) {
             return Err(Failure::Input(unknown(
                 "scenario",
                 name,
-                scenarios::names(),
+                beside
+                    .into_iter()
+                    .chain(scenarios::names().map(|name| &name[..])),
                 "or give the path of a scenario file (.toml), see `armplane list`",
             )));
         }
         let (text, folder) = (read(path)?, path.parent().map(Path::to_owned));
+        is_for(name, &text, "a scenario")?;
         let text = seal::open(name, text, folder.as_deref().unwrap_or(Path::new("")))?;
         Ok(Self {
             file: name.to_owned(),
@@ -127,6 +135,8 @@ impl Source {
     /// # Errors
     /// [`Failure::File`] if text or settings are invalid.
     pub fn parse(&self, settings: &[String]) -> Result<Scenario, Failure> {
+        let lost = settings.iter().find_map(|setting| misplaced(setting));
+        lost.map_or(Ok(()), Err)?;
         Ok(Scenario::parse(&self.file, &self.text, settings)?)
     }
 
@@ -310,6 +320,58 @@ impl Source {
     }
 }
 
+/// TOML files by their purpose: keys of which each has one, and a command for it.
+const PURPOSES: [(&str, &str, &str); 4] = [
+    ("a scenario", "segment servo robot", "run FILE"),
+    ("a graph", "extends process topic", "graph FILE"),
+    ("a sweep", "key sample", "sweep FILE"),
+    (
+        "the description of an arm",
+        "default_frame base_frame length_m task joints tool payload postures",
+        "inspect --robot ARM.urdf",
+    ),
+];
+
+/// Refuses a file that is meant for something else; an unreadable one says so itself, later.
+fn is_for(file: &str, text: &str, wanted: &str) -> Result<(), Failure> {
+    let table: toml::Table = toml::from_str(text).unwrap_or_default();
+    let has = |keys: &str| keys.split(' ').any(|key| table.contains_key(key));
+    let all = PURPOSES.iter().filter(|(_, keys, _)| has(keys));
+    let found: Vec<_> = all.collect();
+    match found[..] {
+        [(purpose, _, command)] if *purpose != wanted => {
+            let command = command.replace("FILE", file);
+            let use_it = format!("it is {purpose}, for `armplane {command}`");
+            Err(Failure::Input(format!("{file} is not {wanted}: {use_it}")))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// A setting whose key has lost its section: `k_p` for `control.k_p`.
+fn misplaced(setting: &str) -> Option<Failure> {
+    let key = setting.split('=').next().filter(|key| !key.contains('.'))?;
+    let schema: serde_json::Value = serde_json::from_str(crate::schema::SCENARIO).ok()?;
+    let sections = schema["properties"].as_object()?;
+    let has = |section: &serde_json::Value| {
+        let of = section["$ref"]
+            .as_str()
+            .or(section["items"]["$ref"].as_str());
+        of.and_then(|of| schema.pointer(of.trim_start_matches('#')))
+            .is_some_and(|of| of["properties"].get(key).is_some())
+    };
+    let within = |(name, section): (&String, &serde_json::Value)| {
+        let element = if section["type"] == "array" { ".0" } else { "" };
+        has(section).then(|| format!("{name}{element}.{key}"))
+    };
+    let places: Vec<_> = sections.iter().filter_map(within).collect();
+    let is_lost = !sections.contains_key(key) && !places.is_empty();
+    is_lost.then(|| {
+        let places = places.join("` or `");
+        Failure::Input(format!("--set {setting}: did you mean `{places}`?"))
+    })
+}
+
 /// The remedy for a file or folder that is no scenario.
 fn instead(path: &Path) -> Option<String> {
     let name = path.display();
@@ -469,6 +531,7 @@ pub fn graph(file: Option<&Path>) -> Result<Graph, Failure> {
         return Ok(Graph::built_in(false)?);
     };
     let (name, text) = (path.display().to_string(), read(path)?);
+    is_for(&name, &text, "a graph")?;
     let mut graph = Graph::parse(&name, &text)?;
     if !graph
         .process

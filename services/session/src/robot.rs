@@ -38,7 +38,8 @@ pub(crate) fn put_in(loaded: &mut Loaded, plant: &str) -> Result<(), Failure> {
         let name = process.name.clone();
         return mujoco::check(loaded, &name);
     }
-    let address: Address = plant.parse().map_err(Failure::Input)?;
+    let refused = |why: String| Failure::Input(format!("--plant: {why}, or `mujoco`"));
+    let address: Address = plant.parse().map_err(refused)?;
     process.robot = address.to_string();
     if loaded.scenario.presses() {
         return Err(Failure::Input(format!(

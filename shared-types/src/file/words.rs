@@ -41,6 +41,17 @@ pub(super) fn explain(message: &str) -> (String, String) {
             format!("it must be {}", allowed("any valid TOML value")),
         );
     }
+    if message == "duplicate key" {
+        let remedy = "leave one out; a list of tables has two brackets, as in [[segment]]";
+        return ("the key stands here twice".to_owned(), remedy.to_owned());
+    }
+    if message.starts_with("unexpected key or value") {
+        let remedy = "one key and one value a line; a number has a point, as in 2.5";
+        return (
+            "something stands behind the value".to_owned(),
+            remedy.to_owned(),
+        );
+    }
     if message.starts_with("cannot recurse further") {
         return (
             "lists and tables are nested too deeply".to_owned(),
@@ -54,10 +65,13 @@ pub(super) fn explain(message: &str) -> (String, String) {
         .split_once("invalid type: ")
         .or_else(|| wrong.split_once("invalid value: "))
     {
-        return (
-            format!("{} does not fit here", in_words(found)),
-            format!("it must be {}", allowed(expected)),
-        );
+        let remedy = match (found, expected) {
+            ("map", "a sequence") => {
+                "a list of tables has two brackets, as in [[segment]]".to_owned()
+            }
+            _ => format!("it must be {}", allowed(expected)),
+        };
+        return (format!("{} does not fit here", in_words(found)), remedy);
     }
     if let Some(length) = wrong.strip_prefix("invalid length ") {
         return (
@@ -67,7 +81,8 @@ pub(super) fn explain(message: &str) -> (String, String) {
     }
     let known = || expected.split('`').skip(1).step_by(2);
     let written = wrong.split('`').nth(1).unwrap_or_default();
-    let remedy = match nearest(written, known()) {
+    let near = Some(written).filter(|written| !written.is_empty());
+    let remedy = match near.and_then(|written| nearest(written, known())) {
         Some(name) => format!("did you mean `{name}`?"),
         None => format!("expected {expected}"),
     };
@@ -78,11 +93,12 @@ pub(super) fn explain(message: &str) -> (String, String) {
 const MOST_APART: usize = 3;
 
 /// Words that people write, and the name that each stands for here.
-const OTHER_WORDS: [(&str, &str); 7] = [
+const OTHER_WORDS: [(&str, &str); 8] = [
     (
         "hand tcp ee eef flange gripper tip end-effector end_effector",
         "tool",
     ),
+    ("tip tool link tcp ee eef", "frame"),
     ("osc", "operational-space"),
     ("position pose goal target", "to_m"),
     ("simulate sim start exec launch", "run"),
@@ -165,13 +181,13 @@ fn allowed(expected: &str) -> String {
         .strip_prefix("an array of length ")
         .or_else(|| expected.strip_prefix("an array of size "))
     {
-        return format!("a list of {length}");
+        return format!("a list of {length} in square brackets");
     }
     match expected {
         "f64" | "f32" => "a number",
         "bool" | "a boolean" => "true or false",
         "a string" | "string" => "text in quotes",
-        "a sequence" => "a list",
+        "a sequence" => "a list in square brackets",
         "a map" => "a table",
         // A Rust type of ours: in a file it is a table.
         other if other.starts_with("struct ") => "a table",
@@ -241,7 +257,17 @@ mod tests {
             (
                 "invalid length 2, expected an array of length 3",
                 "a list of 2 does not fit here",
-                "it must be a list of 3",
+                "it must be a list of 3 in square brackets",
+            ),
+            (
+                "invalid type: map, expected a sequence",
+                "a table does not fit here",
+                "a list of tables has two brackets, as in [[segment]]",
+            ),
+            (
+                "duplicate key",
+                "the key stands here twice",
+                "leave one out; a list of tables has two brackets, as in [[segment]]",
             ),
             (
                 "u64 value was too large",

@@ -55,6 +55,10 @@ pub fn begin(name: &Path, robot: &str, shape: Shape) -> Result<PathBuf, Failure>
     let write = |path: &Path, text: String| {
         files::write_new(path, text).map_err(|error| match error.kind() {
             ErrorKind::AlreadyExists => taken(path),
+            ErrorKind::NotFound => {
+                let folder = path.parent().unwrap_or(path).display();
+                Failure::Input(format!("there is no folder {folder}: make it first"))
+            }
             _ => {
                 let path = path.display();
                 Failure::Input(format!(
