@@ -80,11 +80,11 @@ impl PostureText<'_> {
     fn measures(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (posture, report) = (self.posture, &self.posture.report);
         let list = |values: &[f64]| {
-            let values = values.iter().map(|value| digits(*value));
+            let values = values.iter().map(|value| near_zero(*value));
             values.collect::<Vec<_>>().join("  ")
         };
-        let (rank, axes) = (report.rank as usize, posture.singular_values.len());
-        let lost = match axes.saturating_sub(rank) {
+        let (rank, served) = (report.rank as usize, posture.served);
+        let lost = match served.saturating_sub(rank) {
             0 => String::new(),
             lost => format!(
                 ": no joint moves the hand along {}",
@@ -92,21 +92,33 @@ impl PostureText<'_> {
             ),
         };
         if let Some(det) = posture.det {
-            writeln!(f, "det J            {}", digits(det))?;
+            writeln!(f, "det J            {}", near_zero(det))?;
         }
         writeln!(f, "singular values  {}", list(&posture.singular_values))?;
         writeln!(
             f,
-            "unit-scaled      {}  (lengths / {} m, at the wrist centre)",
-            list(&posture.scaled_singular_values),
-            digits(report.length_m)
+            "unit-scaled      {}  (lengths / {} m, {})",
+            list(&posture.scaled_singular_values[..served]),
+            digits(report.length_m),
+            self.centre()
         )?;
         writeln!(
             f,
-            "condition {}, manipulability {}; rank {rank} of {axes}{lost}\n",
-            digits(posture.condition()),
-            digits(report.manipulability)
+            "condition {}, manipulability {}; rank {rank} of {served}{lost}\n",
+            condition(posture.condition()),
+            near_zero(report.manipulability)
         )
+    }
+
+    /// The point of the hand whose Jacobian is unit-scaled.
+    fn centre(&self) -> &'static str {
+        let (C, X_BE) = (self.posture.report.p_BC, self.posture.pose);
+        let is_hand = (0..3).all(|axis| (C[axis] - X_BE[axis][3]).abs() < ZERO);
+        if is_hand {
+            "at the hand"
+        } else {
+            "at the wrist centre"
+        }
     }
 
     fn singularities(&self) -> Fitted {
@@ -125,7 +137,7 @@ impl PostureText<'_> {
             let [x, y, z] = [0, 1, 2].map(|axis| unsigned(s.zeta_B[at + axis], 3));
             rows.add_row([
                 name.into(),
-                number(digits(s.s)),
+                number(near_zero(s.s)),
                 number(format!("{} / {}", s.eta_in, s.eta_out)),
                 if s.inside != 0 { "inside" } else { "" }.into(),
                 codes::name_of(codes::TYPES, s.class).into(),
@@ -135,6 +147,21 @@ impl PostureText<'_> {
             ]);
         }
         rows
+    }
+}
+
+/// Numbers below it are rounding.
+const ZERO: f64 = 1e-9;
+
+fn near_zero(value: f64) -> String {
+    digits(if value.abs() < ZERO { 0.0 } else { value })
+}
+
+fn condition(value: f64) -> String {
+    if value > 1.0 / ZERO {
+        "∞".to_owned()
+    } else {
+        digits(value)
     }
 }
 

@@ -49,11 +49,29 @@ pub(super) fn verdicts(rows: &[Row]) -> Vec<String> {
     rows.iter().map(of).collect()
 }
 
+/// Conditions of S2 by their codes, as people read them.
+const CONDITIONS: [(&str, &str); 9] = [
+    ("stopped", "stopped before the end"),
+    ("task", "a segment undone"),
+    ("joint stop", "a joint at its stop"),
+    ("end", "off the goal"),
+    ("beyond", "a path beyond reach"),
+    ("speed", "a joint above its speed limit"),
+    ("torque", "torque at its limit for over 10 ms"),
+    ("orthogonal", "error orthogonal to ζ"),
+    ("along", "error along ζ"),
+];
+
 /// The bars that each law that fails has missed, a line each.
 pub(super) fn findings(rows: &[Row]) -> Vec<String> {
     let failed = rows.iter().filter(|row| !succeeds(row));
+    let in_words = |code: &String| {
+        let known = CONDITIONS.iter().find(|(known, _)| known == code);
+        known.map_or(code.as_str(), |(_, words)| words).to_owned()
+    };
     let missed = |row: &Row| {
-        let missed = row.task.missed.join(", ");
+        let missed: Vec<_> = row.task.missed.iter().map(in_words).collect();
+        let missed = missed.join(", ");
         match row.completed {
             true => format!("{} fails: {missed}", row.law),
             false => format!("{} fails: {missed}; {}", row.law, row.reason),
