@@ -47,9 +47,9 @@ const FAULT: Rgba = 0xc03030ff;
 pub(crate) const BAND_LINES: usize = 32;
 /// How much larger the way of a hand that should stand still is drawn.
 pub(crate) const MAGNIFIED: f32 = 50.0;
-/// Powers of ten of latencies, µs, and of errors, mm and degrees.
+/// Powers of ten of latencies, µs, and the least of errors, mm and degrees.
 const LATENCIES: Option<[f64; 2]> = Some([-0.6, 4.3]);
-const ERRORS: Option<[f64; 2]> = Some([-4.2, 3.2]);
+const LEAST_ERROR: f64 = -3.2;
 
 /// The inputs of a layout besides the run's facts.
 pub(crate) struct Subject<'a> {
@@ -62,6 +62,8 @@ pub(crate) struct Subject<'a> {
     pub(crate) is_long: bool,
     pub(crate) main: Eye,
     pub(crate) close_up: Eye,
+    /// The largest errors, mm and degrees.
+    pub(crate) errors: [f64; 2],
 }
 
 /// Width over height of the pane in which a layout shows the whole arm, in a window of 1280 × 720.
@@ -340,7 +342,7 @@ impl Desk<'_> {
         );
         let mut nearness = self.per_singularity(Signal::Nearness, |one| one.name.clone(), 255);
         nearness.width = 2.5;
-        let name = "How near: |s|/η in powers of ten. Below 0: treated as singular";
+        let name = "How near: |s|/η in powers of ten. Locked below 0, free above the line";
         let lines = vec![zero, band, edges, nearness];
         self.plot(name, lines, Some([-3.1, 1.4]), Some(Corner2D::RightBottom))
     }
@@ -374,7 +376,9 @@ impl Desk<'_> {
             ];
             // Of two plots side by side the second has the legend of both.
             let legend = (i == usize::from(turns)).then_some(Corner2D::RightTop);
-            panes.push(self.plot(name, lines, ERRORS, legend));
+            // The bound and the largest error have room; few powers of ten have a number each.
+            let most = self.subject.errors[i].log10().max(0.0) + 0.4;
+            panes.push(self.plot(name, lines, Some([LEAST_ERROR, most]), legend));
         }
         Horizontal::new(panes).with_name("Task errors").into()
     }
@@ -454,10 +458,15 @@ impl Desk<'_> {
             .with_spacing(0.25)
             .with_color(0x8c9bb046);
         let view = Spatial3DView::new("Arm").with_origin(entity::WORLD);
-        self.world(view, &self.subject.main, &[], ("LineGrid3D", &grid))
+        self.world(
+            view,
+            &self.subject.main,
+            entity::NAMES,
+            ("LineGrid3D", &grid),
+        )
     }
 
-    /// The hand from near by: its view goes with it. Captions are in the picture of the whole arm only.
+    /// The hand from near by: its view goes with it. Instead of captions it has names alone.
     fn close_up(&mut self) -> ContainerLike {
         let name = match self.subject.facts.stands_still {
             true => "The hand's way, × 50",
@@ -465,11 +474,10 @@ impl Desk<'_> {
         };
         let grid = LineGrid3D::new().with_visible(false);
         let view = Spatial3DView::new(name).with_origin(entity::NEAR);
-        let without = [format!("- {}", entity::CAPTIONS)];
         self.world(
             view,
             &self.subject.close_up,
-            &without,
+            entity::CAPTIONS,
             ("LineGrid3D", &grid),
         )
     }
@@ -479,7 +487,7 @@ impl Desk<'_> {
         &mut self,
         view: Spatial3DView,
         eye: &Eye,
-        without: &[String],
+        without: &str,
         grid: (&str, &dyn AsComponents),
     ) -> ContainerLike {
         let controls = EyeControls3D::new()
@@ -497,8 +505,7 @@ impl Desk<'_> {
         });
         let ranges = VisibleTimeRanges::new(ranges);
         let ways = entity::WAYS.map(|way| (way, &ranges as &dyn AsComponents));
-        let all = [format!("{}/**", entity::WORLD)];
-        let view = view.with_contents(all.iter().chain(without).cloned());
+        let view = view.with_contents([format!("{}/**", entity::WORLD), format!("- {without}")]);
         self.set(view, &[("EyeControls3D", &controls), grid], &ways)
     }
 

@@ -40,6 +40,9 @@ pub(crate) const SINGULARITY: &str = "/world/singularity/";
 /// The captions; their names follow.
 pub(crate) const CAPTION: &str = "/world/caption/";
 pub(crate) const CAPTIONS: &str = "/world/caption/**";
+/// The names alone, for a view in which captions have no room.
+pub(crate) const NAME: &str = "/world/name/";
+pub(crate) const NAMES: &str = "/world/name/**";
 
 /// One of several links: the arm's, a ghost's, the other law's in a race.
 pub(crate) fn link(of: &str, index: usize) -> String {

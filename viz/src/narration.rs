@@ -161,6 +161,8 @@ pub(crate) struct Moment<'a, 'm> {
     pub(crate) directions: usize,
     /// The fault in force, in a few words.
     pub(crate) fault: Option<&'a str>,
+    /// The force asked for, and that on the surface; N.
+    pub(crate) pressed: Option<[f64; 2]>,
 }
 
 /// The events of a tick, in words: a headline, and lines, some of them about a singularity.
@@ -209,6 +211,13 @@ impl Moment<'_, '_> {
         {
             let text = "The goal is out of reach: the hand slides along the boundary";
             words.add(None, text.to_owned());
+        }
+        if let Some([asked, force]) = self.pressed {
+            let digits = usize::from(asked < 10.0);
+            words.add(
+                None,
+                format!("The hand presses with {force:.digits$} N of {asked} N"),
+            );
         }
         if self
             .row
@@ -432,6 +441,7 @@ mod tests {
             rate_hz: 1000,
             directions: 6,
             fault,
+            pressed: None,
         };
         let words = moment(Some("Estimator: delay")).words();
         let mut doings = MODES.iter().map(|(mode, _)| doing(*mode));

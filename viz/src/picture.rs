@@ -9,7 +9,7 @@ use crate::facts::Facts;
 use crate::narration::{History, Moment, Words, colour_of};
 use crate::pose::{Placement, Rgba, pose};
 use crate::scene::{Mark, NullMotion};
-use crate::signals::TickRow;
+use crate::signals::{Now, TickRow};
 use crate::story::{News, Story};
 
 /// A singularity of the arm.
@@ -62,6 +62,8 @@ struct Sweep {
 pub(crate) struct Scene {
     pub(crate) story: Story,
     pub(crate) named: Vec<Named>,
+    /// The largest errors so far, mm and degrees.
+    pub(crate) errors: [f64; 2],
     history: History,
     null: NullMotion,
     sweeps: [Sweep; MAX_SINGULARITIES],
@@ -78,6 +80,7 @@ impl Scene {
         Self {
             story,
             named: Vec::new(),
+            errors: [0.0; 2],
             history: History::new(facts.stands_still),
             null: NullMotion::new(facts.length_m),
             sweeps: Default::default(),
@@ -103,6 +106,12 @@ impl Scene {
             self.named = named.collect();
         }
         let q = row.q().filter(|_| facts.is_pictured(row.tick))?;
+        let now = Now::new(row, &facts.limits, None);
+        for (angular, to_shown) in [1e3, 1f64.to_degrees()].into_iter().enumerate() {
+            let parts = now.error(angular as u32).unwrap_or_default();
+            let most = parts.into_iter().fold(0.0, f64::max) * to_shown;
+            self.errors[angular] = self.errors[angular].max(most);
+        }
         self.null.update(row);
         let hand = row.plant_state.map(|state| pose(&state.p_BE, &state.R_BE));
         let hand = hand.unwrap_or_else(|| facts.hand(q));
@@ -135,6 +144,7 @@ impl Scene {
                 .story
                 .fault(row.tick)
                 .map(|fault| fault.headline.as_str()),
+            pressed: Now::new(row, &facts.limits, None).pressed(),
         };
         moment.words()
     }

@@ -45,6 +45,8 @@ const LEGEND: f64 = 0.3;
 const PLOTTED_S: f64 = 60.0;
 /// Rate of what is only drawn: more than a plot has points across.
 const DRAWN_HZ: f64 = 125.0;
+/// Errors for which plots have room as long as a run's own are not known, mm and degrees.
+const MOST_ERRORS: [f64; 2] = [1000.0, 180.0];
 /// Ticks without a command that are told.
 const PATIENCE: u64 = 5;
 
@@ -128,6 +130,7 @@ fn subject<'a>(
         is_long: (1.0 + LEGEND) * scenario.duration_s() > PLOTTED_S && !facts.is_live,
         main,
         close_up: room.close_up(facts, &main),
+        errors: MOST_ERRORS,
     }
 }
 
@@ -351,7 +354,10 @@ impl<'a> Recording<'a> {
 
     fn send_blueprint(&self, repeated: Option<(i64, i64)>) {
         let layout = self.run.job.scenario.view.layout;
-        let subject = subject(self.run, self.happened, &self.scene, &self.room, layout);
+        let mut subject = subject(self.run, self.happened, &self.scene, &self.room, layout);
+        if repeated.is_some() {
+            subject.errors = self.scene.errors;
+        }
         self.sink
             .send_blueprint(blueprint::messages(&subject, layout, repeated));
     }

@@ -178,7 +178,7 @@ fn plots(facts: &Facts, recorded: &Recorded) -> Vec<serde_json::Value> {
     let rows = [
         (
             vec![nearness(recorded, facts.job, &own)],
-            "Below 1 the arm is treated as singular. Upright bands: control there is not the regular one (blending, tracking by null-space motion, reorienting, holding).",
+            "Below 1 the arm enters a lock, which it leaves a little farther out. Upright bands: control there is not the regular one (blending, tracking by null-space motion, reorienting, holding).",
         ),
         (
             errors(facts, recorded),

@@ -244,7 +244,7 @@ impl<'a, 'm> Now<'a, 'm> {
     }
 
     /// The norms of an error orthogonal to the singular directions that the arm is inside of, and along them; base axes.
-    fn error(&self, angular: u32) -> Option<[f64; 2]> {
+    pub(crate) fn error(&self, angular: u32) -> Option<[f64; 2]> {
         let (m, command) = (self.row.plant_state?, self.row.control_state?);
         let e = if angular == 1 {
             let R_d = Matrix3::from_column_slice(&command.R_BE_d);

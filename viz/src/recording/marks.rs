@@ -11,7 +11,7 @@ use super::Recording;
 use super::draw::{array, arrows, lines};
 use crate::entity;
 use crate::narration::lost;
-use crate::picture::Picture;
+use crate::picture::{Named, Picture, Sign};
 use crate::pose::{Placement, Rgba, vec3};
 use crate::scene::{Presence, turned_words};
 use crate::signals::{Now, TickRow, halves};
@@ -72,67 +72,70 @@ impl Recording<'_> {
         self.draw_captions(row, picture);
     }
 
-    /// The name stands at ζ's own end, what has become of it at the old one's. Several locks share a centre: the first speaks for all.
-    fn draw_captions(&mut self, row: &TickRow, picture: &Picture) {
+    /// Captions of each singularity, none while no report says where it is; and one below the hand.
+    pub(super) fn draw_captions(&mut self, row: &TickRow, picture: &Picture) {
         let (tick, unit) = (row.tick, self.run.mark_size());
-        let inside = |i: &usize| picture.signs[*i].mark.is_inside();
-        let inside: Vec<usize> = (0..picture.signs.len()).filter(inside).collect();
-        for (i, sign) in picture.signs.iter().enumerate() {
-            let (mark, named) = (sign.mark, &self.scene.named[i]);
-            let (name, colour) = (named.name.clone(), named.colour);
-            if mark.look.presence != Presence::Hidden {
-                self.place(format!("{}{name}", entity::SINGULARITY), tick, mark.X_BS);
+        for i in 0..self.scene.named.len() {
+            let Named { name, colour, .. } = self.scene.named[i].clone();
+            let sign = picture.signs.get(i);
+            if let Some(Sign { mark, .. }) = sign {
+                if mark.look.presence != Presence::Hidden {
+                    self.place(format!("{}{name}", entity::SINGULARITY), tick, mark.X_BS);
+                }
+                let centre = Placement::at(mark.X_BS.p);
+                self.place(format!("/world/zeta/{name}"), tick, centre);
             }
-            self.place(
-                format!("/world/zeta/{name}"),
-                tick,
-                Placement::at(mark.X_BS.p),
-            );
-            let lost = match inside.split_first() {
-                Some((first, [])) if *first == i => {
-                    format!("{name}: cannot {}", lost(mark.look.angular))
-                }
-                Some((first, _)) if *first == i => {
-                    let all = inside.iter().map(|i| self.scene.named[*i].name.as_str());
-                    all.collect::<Vec<_>>().join(", ") + ": locked"
-                }
-                _ => String::new(),
-            };
-            let end = mark.zeta() * (1.15 * unit * mark.size);
-            let up = |end: Vec3| {
-                if end.dot(self.run.up) < 0.0 {
-                    -end
-                } else {
-                    end
-                }
-            };
-            self.caption(tick, &name, lost, colour, mark.X_BS.p + up(end));
-            let entry = sign.swept.first().copied().unwrap_or_default() * (1.25 * unit);
-            let below = mark.X_BS.p - up(entry);
-            self.caption(
-                tick,
-                &format!("{name}_turned"),
-                sign.note.clone(),
-                colour,
-                below,
-            );
+            let paths = [
+                format!("{}{name}", entity::NAME),
+                format!("{}{name}", entity::CAPTION),
+                format!("{}{name}_turned", entity::CAPTION),
+            ];
+            let captions = sign.map(|sign| self.captions(i, sign, picture));
+            for (path, (words, at)) in paths.into_iter().zip(captions.unwrap_or_default()) {
+                self.caption(tick, path, words, colour, at);
+            }
         }
         let reason = row
             .servo_state
             .map(|s| reason_text(s.reason, s.joint, s.upper).to_string());
         let words = reason.unwrap_or_else(|| turned_words(&picture.turned));
-        self.caption(
-            tick,
-            "now",
-            words,
-            QUIET,
-            picture.hand.p - self.run.up * (1.9 * unit),
-        );
+        let below = picture.hand.p - self.run.up * (1.9 * unit);
+        self.caption(tick, format!("{}now", entity::CAPTION), words, QUIET, below);
+    }
+
+    /// Words and their places: the name, and what is lost, at ζ's own end; what has become of the old one at its end. Several locks share a centre: the
+    /// first speaks for all.
+    fn captions(&self, i: usize, sign: &Sign, picture: &Picture) -> [(String, Vec3); 3] {
+        let (mark, unit) = (sign.mark, self.run.mark_size());
+        let all = picture.signs.iter().zip(&self.scene.named);
+        let inside = all.filter(|(sign, _)| sign.mark.is_inside());
+        let inside: Vec<&str> = inside.map(|(_, named)| named.name.as_str()).collect();
+        let name = &self.scene.named[i].name;
+        let lost = match inside[..] {
+            [first] if first == name => format!("{name}: cannot {}", lost(mark.look.angular)),
+            [first, ..] if first == name => inside.join(", ") + ": locked",
+            _ => String::new(),
+        };
+        let name = Some(name.clone()).filter(|_| mark.is_inside());
+        let up = |way: Vec3| {
+            way * if way.dot(self.run.up) < 0.0 {
+                -1.0
+            } else {
+                1.0
+            }
+        };
+        let end = mark.X_BS.p + up(mark.zeta() * (1.15 * unit * mark.size));
+        let entry = sign.swept.first().copied().unwrap_or_default() * (1.25 * unit);
+        let below = mark.X_BS.p - up(entry);
+        [
+            (name.unwrap_or_default(), end),
+            (lost, end),
+            (sign.note.clone(), below),
+        ]
     }
 
     /// A caption at a place; empty words: none.
-    fn caption(&mut self, tick: u64, name: &str, words: String, colour: Rgba, at: Vec3) {
-        let path = format!("{}{name}", entity::CAPTION);
+    fn caption(&mut self, tick: u64, path: String, words: String, colour: Rgba, at: Vec3) {
         if !words.is_empty() {
             self.place(path.clone(), tick, Placement::at(at));
         }
