@@ -48,7 +48,7 @@ def cropped(png, part=None):
     return Image.open(io.BytesIO(png)).convert("RGB").crop(part)
 
 
-def packed(image, palette=None, colours=255):
+def packed(image, palette=None, colours=224):
     """A picture of few colours, which is as good to the eye and a third of the size."""
     return image.quantize(colours, method=Image.Quantize.FASTOCTREE, palette=palette, dither=Image.Dither.NONE)
 
@@ -83,7 +83,7 @@ def animation(program, name, scratch):
             frame = cropped(viewer.picture(), asked["part"])
             frames.append(frame.resize((WIDTH, WIDTH * frame.height // frame.width), Image.Resampling.LANCZOS))
     # One palette for all, made of several: the background stays as it is from frame to frame and packs well.
-    palette = packed(sheet(frames[:: max(1, len(frames) // 6)], 1), colours=200)
+    palette = packed(sheet(frames[:: max(1, len(frames) // 6)], 1), colours=128)
     frames = [packed(frame, palette) for frame in frames]
     path, hold = DOCS / name, [1000 // RATE] * (len(frames) - 1) + [1500]
     frames[0].save(path, save_all=True, append_images=frames[1:], duration=hold, loop=0, optimize=True)

@@ -29,6 +29,7 @@ from processes import having
 CHROMIUM = "/usr/bin/chromium"
 # Vertical field of view of the page's camera, rad.
 FOV = 0.85
+WINDOW = {"width": 1000, "height": 600}
 # Canvas pixels a CSS pixel: a quarter of the work for the software renderer.
 SCALE = 0.5
 # A machine may be so busy that everything takes as long; whoever waits for a condition gives up after that, s and ms.
@@ -88,8 +89,8 @@ class Play:
         self.address = next(line.split()[2] for line in self.process.stdout if line.startswith("armplane play: http"))
         self.browser, self.folder, self.pages, self.saved, self.runs = browser, folder, 0, 0, set()
 
-    def open(self):
-        page = self.browser.new_page(viewport={"width": 1000, "height": 600}, device_scale_factor=SCALE)
+    def open(self, window=WINDOW, scale=SCALE):
+        page = self.browser.new_page(viewport=window, device_scale_factor=scale)
         page.set_default_timeout(PATIENCE_MS)
         page.add_init_script(WATCH)
         page.add_init_script(FEWER_PICTURES)
