@@ -82,6 +82,8 @@ pub(crate) struct Motion<const N: usize> {
     pub(crate) feedback: Vector6<f64>,
     /// Operational acceleration a* at C.
     pub(crate) a: Vector6<f64>,
+    /// Along a force's axis: how far beyond the path the force leads the hand, base axes, m.
+    pub(crate) off_path: Vector3<f64>,
 }
 
 /// The tick. Each step is the file or folder that it names; what it finds on its way it leaves in the state of the next tick.

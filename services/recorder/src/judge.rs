@@ -28,7 +28,7 @@ use shared_types::summary::{BOUNDARY, MISSED, Pace, REACHED, Summary, TaskSummar
 
 pub use bars::Bounds;
 use chatter::Clock;
-use force::unkept;
+use force::{borne, unkept};
 use joints::JointMeter;
 use latency::{Chain, LatencyMeter};
 use path::PathMeter;
@@ -419,7 +419,8 @@ fn done(
         }
     });
     if !missed.is_empty() {
-        let all: Vec<String> = place.into_iter().chain(missed).collect();
+        let borne = task.force.as_ref().and_then(borne);
+        let all: Vec<String> = place.into_iter().chain(missed).chain(borne).collect();
         (MISSED, all.join("; "))
     } else if has_broken_a_limit {
         let reason = "the path was followed, but beyond the arm's limits";

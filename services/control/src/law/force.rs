@@ -12,14 +12,16 @@
 //!
 //! So a force error is an error of depth with a critically damped answer, whatever the hand weighs in this posture. The contact is borne at once; therefore
 //! it moves the hand in no direction, and a* of the kept rows (Eq. 3) is what accelerates it: neither does a force error move the hand across e nor a motion
-//! across e press (test `force_and_motion_are_decoupled`). Of e along a lost direction ζ nothing is kept: it needs no motion, and the structure bears it.
+//! across e press (test `force_and_motion_are_decoupled`). Along a lost direction ζ only an auxiliary coordinate moves the hand: it is led to where the force
+//! has the hand ([`singular_rows`](super::singular_rows)), and until it is there, or where no posture leads there, the part of e that is left serves the
+//! force alone, and the hand leaves its path (test `in_a_lock_what_is_left_of_the_axis_serves_the_force`). What lies along ζ itself the structure bears.
 //!
 //! The estimator knows F too, so the disturbance torque that is compensated is friction and a wrong mass alone. Without a sensor at the wrist that torque
 //! contains the contact, and its compensation bears it.
 
 use crate::centre::PoseMotion;
 use crate::controller::Setup;
-use crate::linear::{angular, linear, stack};
+use crate::linear::{angular, linear, smoothstep, stack};
 use crate::paper::operational_space::Cholesky;
 use crate::reference::path::{Path, Progress};
 use crate::state::State;
@@ -59,6 +61,8 @@ const TICKS: (f64, f64) = (5.0, 1.33);
 const STIFFEST: f64 = 0.6;
 /// Share of an axis that an arm need not serve.
 const UNSERVED: f64 = 1e-3;
+/// Cosine between e and what is left of it, from which on that serves the force in part, and in full: the hand leaves its path by the tangent of the angle.
+const LEFT: (f64, f64) = (0.2, 0.4);
 /// Least mobility along e with which a force is told from a disturbance, 1/kg.
 const MOBILITY: f64 = 1e-6;
 
@@ -127,6 +131,11 @@ impl Tuning {
             omega_o: base.omega_o.min(1.0 / (TICKS.1 * dt)),
             ..base
         }
+    }
+
+    /// The acceleration along e by which the hand takes up a speed, m/s².
+    fn acceleration(&self, speed: f64, felt: &Felt) -> f64 {
+        2.0 * self.omega * (speed - felt.speed)
     }
 
     /// Speed of the approach, m/s: the impact on a surface as stiff as stated is at most twice the set-point.
@@ -322,9 +331,47 @@ pub(crate) fn step<const N: usize>(
         place_m: e.dot(&now.terms.X_BE.p),
     };
     let dt = setup.scenario.dt_s();
-    let a = (state.force).step(force, leg, &felt, &Tuning::of(has_sensor, dt), dt)?;
-    motion.a += stack(&(e * a), &Vector3::zeros());
+    let tuning = Tuning::of(has_sensor, dt);
+    let v = (state.force).step(force, leg, &felt, &tuning, dt)?;
+    let along = |x: f64| stack(&(e * x), &Vector3::zeros());
+    let a = tuning.acceleration(v, &felt);
+    let served;
+    (motion.a, served) = serve(now, &(motion.a + along(a)), &e, a);
+    // What is left to auxiliary coordinates is led by positions, which they reach at the rate k_aux.
+    let ahead_m = v / setup.scenario.control.k_aux * (1.0 - served);
+    let on_path = setup.path.place(&state.progress).moving(0.0, 0.0).p;
+    motion.off_path = e * (felt.place_m - e.dot(&on_path) + ahead_m);
+    motion.error += along(ahead_m);
+    motion.desired.V -= along(felt.speed);
     Ok(())
+}
+
+/// The acceleration `a` of C where a part of e is lost: the part that is left moves the hand along e by `along`, m/s², whatever path lies across e.
+///
+/// Also the share in which it does so: none where hardly any of e is left.
+fn serve<const N: usize>(
+    now: &Now<'_, N>,
+    a: &Vector6<f64>,
+    e: &Vector3<f64>,
+    along: f64,
+) -> (Vector6<f64>, f64) {
+    let left = now.report.listed().iter().fold(*e, |left, s| {
+        let axis = linear(&s.zeta_B);
+        let lost = 1.0 - s.neighborhood().openness(s.s);
+        left - axis * (axis.dot(&left) * lost)
+    });
+    if left == *e {
+        return (*a, 1.0);
+    }
+    let u = left / left.norm().max(1e-9);
+    let share = smoothstep((u.dot(e) - LEFT.0) / (LEFT.1 - LEFT.0));
+    if share == 0.0 {
+        return (*a, 0.0);
+    }
+    let (r, omega) = (now.terms.X_BE.R * now.p_EC, now.terms.omega[N - 1]);
+    let a_E = linear(a) - angular(a).cross(&r) - omega.cross(&omega.cross(&r));
+    let change = u * ((along / u.dot(e) - u.dot(&a_E)) * share);
+    (a + stack(&change, &Vector3::zeros()), share)
 }
 
 /// Of a force of 1 N along e: A⁻¹Jᵀe, the acceleration of the joints, and 1/Λ, that of the hand along e, 1/kg.
@@ -349,7 +396,7 @@ impl Pressing {
         self.leg != 0 && matches!(self.stage, Stage::Seeking | Stage::Rising)
     }
 
-    /// The acceleration along e, m/s².
+    /// The speed along e that the force asks for, that of the surface included; m/s.
     fn step(
         &mut self,
         force: &Force,
@@ -379,7 +426,7 @@ impl Pressing {
             });
         }
         if !is_touching {
-            return Ok(2.0 * tuning.omega * (approach - felt.speed));
+            return Ok(approach);
         }
         let rise = force.newtons / force.ramp_s * dt;
         self.set_n += (force.newtons - self.set_n).clamp(-rise, rise);
@@ -394,7 +441,7 @@ impl Pressing {
         if within == v + self.integral {
             self.integral += INTEGRAL * v * dt;
         }
-        Ok(2.0 * tuning.omega * (within + self.surface_speed - felt.speed))
+        Ok(within + self.surface_speed)
     }
 
     /// −JᵀF: what bears the contact that the wrist's sensor measures; N·m. `None`: there is none.
@@ -498,6 +545,11 @@ impl Pressing {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::centre::AtCentre;
+    use crate::singularity::analyzer::Analyzer;
+    use crate::testing::robot;
+    use model::Model;
+    use shared_types::scenario::Analysis;
 
     fn force() -> Force {
         let text = "name=\"t\"\nrobot=\"puma560\"\nstart.posture=\"ready\"\n[[segment]]\nduration_s=1.0\nforce={axis=\"-z\", newtons=10.0}\n";
@@ -523,7 +575,8 @@ mod tests {
                 };
                 peak = peak.max(felt.force_n);
                 let tuning = Tuning::of(true, dt);
-                v += pressing.step(&force, 0, &felt, &tuning, dt).unwrap() * dt;
+                let wanted = pressing.step(&force, 0, &felt, &tuning, dt).unwrap();
+                v += tuning.acceleration(wanted, &felt) * dt;
                 x += v * dt;
                 assert!(v <= 0.0201, "{v}");
             }
@@ -535,6 +588,44 @@ mod tests {
             let again = Pressing::restored(&pressing.checkpoint());
             assert_eq!(again, pressing);
         }
+    }
+
+    /// A PUMA in elbow lock that presses askew to ζ, and beside the lock.
+    #[test]
+    fn in_a_lock_what_is_left_of_the_axis_serves_the_force() {
+        let robot = robot("puma560");
+        let (model, zero) = (Model::<6>::new(robot, None).unwrap(), SVector::zeros());
+        let at = |q3: f64| {
+            let q = SVector::from([0.4, -0.7, q3, 0.3, 0.6, 0.1]);
+            let terms = model.evaluate(&q, &zero);
+            let report = Analyzer::new(robot, &Analysis::default()).step(&q, &zero, &terms);
+            let C = AtCentre::new(&terms, &report.p_BC, &Vector3::zeros());
+            let now = Now {
+                q: &q,
+                qdot: &zero,
+                tau_disturbance: &zero,
+                wrist_n: None,
+                report: &report,
+                terms: &terms,
+                at: &C,
+                p_EC: &(terms.X_BE.R.transpose() * (report.p_BC - terms.X_BE.p)),
+            };
+            let zeta = linear(&report.singularities[0].zeta_B);
+            let n = zeta.cross(&Vector3::new(0.2, 0.9, 0.4)).normalize();
+            let e = (zeta * 0.6 + n * 0.8).normalize();
+            let a = stack(&(Vector3::new(1.0, -2.0, 0.5) + e), &Vector3::zeros());
+            let (served, share) = serve(&now, &a, &e, 3.0);
+            let moved = linear(&served) - zeta * zeta.dot(&linear(&served));
+            let across = zeta.cross(&n).dot(&linear(&(served - a)));
+            (served - a, share, moved.dot(&e), across)
+        };
+        let stretched = -libm::atan2(0.4318, -0.0203);
+        let (_, share, along, across) = at(stretched);
+        assert!(
+            share == 1.0 && (along - 3.0).abs() < 1e-9 && across.abs() < 1e-12,
+            "{share} {along} {across}"
+        );
+        assert_eq!((at(0.8).0, at(0.8).1), (Vector6::zeros(), 1.0));
     }
 
     #[test]

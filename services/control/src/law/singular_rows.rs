@@ -4,7 +4,7 @@
 use super::Engaged;
 use super::auxiliary::{Demand, Gains};
 use crate::controller::Setup;
-use crate::linear::sign;
+use crate::linear::{linear, sign};
 use crate::paper::reference::Target;
 use crate::paper::type_1::{self, SIDE_CHANGE};
 use crate::paper::type_2;
@@ -15,9 +15,16 @@ use crate::singularity::turning::turning;
 use crate::state::State;
 use crate::tick::{Motion, Now};
 use crate::types::{Class, Mode, Refusal, Report, Singularity};
-use nalgebra::{SVector, Vector6};
+use nalgebra::{SVector, Vector3, Vector6};
 use shared_types::MAX_SINGULARITIES;
 use shared_types::scenario::Strategy;
+
+/// Slope per length of the arm from which on a side of a fold is the plan's, and how far the plan is looked along for it, s.
+const SIDE: f64 = 0.01;
+const SIDE_S: f64 = 0.25;
+/// Dampings of a slope, per length of the arm: of the way to where a force has the hand, and of the rate.
+const DAMPING: f64 = 0.08;
+const STEADY: f64 = 0.02;
 
 /// Step 2's result: the singularities that take part in the solve, and by place in the report what is shown of each.
 #[derive(Clone, Copy, Debug)]
@@ -204,7 +211,11 @@ fn target<const N: usize>(
             if s.class == Class::Type1 && s.aux.abs() > SIDE_CHANGE {
                 state.loops[place].memory.side = s.aux.signum();
             }
-            setup.guide.target(s, planned, now.q, motion.clock)
+            let target = setup.guide.target(s, planned, now.q, motion.clock);
+            match motion.off_path == Vector3::zeros() {
+                true => target,
+                false => pressed(setup, state, place, s, target, (now, motion)),
+            }
         }
         None => by_type(setup, state, place, s, situation, branch),
     };
@@ -229,6 +240,47 @@ fn target<const N: usize>(
     }
     let [share, share_rate, _] = setup.path.fraction(&state.progress);
     Ok(state.turn.target(s, share, share_rate, motion.clock))
+}
+
+/// A planned target whose hand a force leads off the path.
+///
+/// To the second order, the motion along ζ is g·y − κ₁y²/2, so its slope is m = g − κ₁y. Where the plan has the slope m_p, the hand off the path by x along
+/// ζ has m_d² = m_p² − 2κ₁x, and y_d = y_p + 2x/(m_p + m_d), damped. Beyond reach, m_d = 0. The side of a fold, the sign of m_d, is kept while the plan
+/// has none.
+fn pressed<const N: usize>(
+    setup: &Setup<N>,
+    state: &mut State<N>,
+    place: usize,
+    s: &Singularity<N>,
+    target: Target,
+    (now, motion): (&Now<'_, N>, &Motion<N>),
+) -> Target {
+    let slope_at = |error: f64| s.gain * (1.0 - s.askew) - s.kappa_1 * error;
+    let slope = slope_at(target.error);
+    let next = (setup.guide).at(state.progress.leg, state.clock.plan_s + SIDE_S);
+    let ahead = next.map_or(slope, |plan| slope_at(s.aux_row.dot(&(plan.q - now.q))));
+    let decisive = if ahead.abs() > slope.abs() {
+        ahead
+    } else {
+        slope
+    };
+    let side = &mut state.loops[place].memory.side;
+    // A fold of type 1 counts its side by the coordinate, whose slope is −κ₁ times it.
+    let sense = sign(s.class != Class::Type1);
+    if decisive.abs() > SIDE * setup.length_m || *side == 0.0 {
+        *side = sense * sign(decisive >= 0.0);
+    }
+    let x = linear(&s.zeta_B).dot(&motion.off_path);
+    let bend = 2.0 * s.kappa_1 * x;
+    let wanted = sense * *side * (slope * slope - bend).max(0.0).sqrt();
+    let square = |share: f64| (share * setup.length_m) * (share * setup.length_m);
+    let both = slope + wanted;
+    let (least, steady) = (square(DAMPING), square(STEADY));
+    Target {
+        error: target.error + 2.0 * x * both / (both * both + least),
+        rate: target.rate * (slope * wanted + steady) / (wanted * wanted + steady),
+        ..target
+    }
 }
 
 /// The target of one auxiliary coordinate by the computed type, for every arm.

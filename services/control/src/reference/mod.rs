@@ -104,6 +104,7 @@ pub(crate) fn motion<const N: usize>(
         error,
         feedback,
         a: desired.a + lag * k_v + feedback,
+        off_path: Vector3::zeros(),
     }
 }
 

@@ -116,6 +116,17 @@ impl ForceMeter {
     }
 }
 
+/// Share of a force's axis that is mostly lost.
+const MOSTLY: f64 = 0.5;
+
+/// A cause of a miss, in words: most of the axis was lost.
+pub(super) fn borne(force: &ForceSummary) -> Option<String> {
+    let percent = 100.0 * force.borne_max;
+    (force.borne_max > MOSTLY).then(|| {
+        format!("up to {percent:.0} % of the force's axis was lost in a singularity: there the hand leaves its path, or presses less")
+    })
+}
+
 /// The defect of a force, in words; `None`: it was kept.
 pub(super) fn unkept(force: &ForceSummary, goal: &Goal) -> Option<String> {
     if force.lift_off_ticks > 0 {
@@ -166,6 +177,12 @@ mod tests {
             (14.0, 10.0, 0.3)
         );
         assert!((found.rms_n - (125.0_f64 / 3.0).sqrt()).abs() < 1e-12);
+        assert!(borne(&found).is_none());
+        let lost = ForceSummary {
+            borne_max: 0.9,
+            ..found
+        };
+        assert!(borne(&lost).is_some());
         assert_eq!(ForceMeter::default().finish(), None);
     }
 
