@@ -93,13 +93,11 @@ pub struct Drive<const N: usize> {
 }
 
 impl<const N: usize> Drive<N> {
-    /// Drives that hold the arm at `q_start`, active, `rate_hz` ticks a second.
+    /// Drives that carry an arm at rest, active, `rate_hz` ticks a second.
     ///
-    /// Requires rate_hz > 0. An arm at rest is carried by its drives, so the torque before the first is g(q_start).
-    pub fn new(model: Model<N>, rate_hz: u32, hold_ticks: u32, q_start: &SVector<f64, N>) -> Self {
-        let carried = model
-            .gravity(q_start)
-            .zip_map(model.effort(), |g, limit| g.clamp(-limit, limit));
+    /// Requires rate_hz > 0 and the torque that `carries` the arm, whatever it holds; N·m: it is the one before the first.
+    pub fn new(model: Model<N>, rate_hz: u32, hold_ticks: u32, carries: &SVector<f64, N>) -> Self {
+        let carried = carries.zip_map(model.effort(), |g, limit| g.clamp(-limit, limit));
         let rest = model.velocity().map(|limit| {
             if limit.is_finite() {
                 REST_RATIO * limit
@@ -388,7 +386,7 @@ mod tests {
         LazyLock::new(|| Joints::from_column_slice(&ROBOT.postures["nominal"]));
 
     fn drive() -> Drive<6> {
-        Drive::new(ARM.clone(), 1000, 3, &START)
+        Drive::new(ARM.clone(), 1000, 3, &ARM.gravity(&START))
     }
 
     const REST: Joints = Joints::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
@@ -447,7 +445,7 @@ mod tests {
         assert_eq!((late.drive, late.stale_ticks), (DRIVE_ACTIVE, 2));
         assert_eq!(drive.step(&START, &REST, None).drive, DRIVE_HOLDING);
         assert_eq!(drive.step(&START, &REST, None).drive, DRIVE_STOPPING);
-        let mut hasty = Drive::new(ARM.clone(), 1000, 0, &START);
+        let mut hasty = Drive::new(ARM.clone(), 1000, 0, &tau);
         assert_eq!(
             hasty.step(&START, &Joints::repeat(1.0), None).drive,
             DRIVE_STOPPING
@@ -459,7 +457,8 @@ mod tests {
     fn most_speed_share<const N: usize>(robot: &Robot, joint: usize, sign: f64, push: f64) -> f64 {
         let model = Model::<N>::new(robot, None).unwrap();
         let (mut q, mut qdot) = (SVector::from_element(0.3), SVector::zeros());
-        let (mut drive, mut most) = (Drive::new(model.clone(), 1000, 3, &q), 0.0_f64);
+        let mut drive = Drive::new(model.clone(), 1000, 3, &model.gravity(&q));
+        let mut most = 0.0_f64;
         for _ in 0..40 {
             let mut tau = model.gravity(&q);
             tau[joint] = sign * model.effort()[joint];

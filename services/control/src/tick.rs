@@ -249,6 +249,9 @@ pub(crate) fn act<const N: usize>(
         at: &AtCentre::new(terms, &report.p_BC, &terms.omega[N - 1]),
         p_EC: &(terms.X_BE.R.transpose() * (report.p_BC - terms.X_BE.p)),
     };
+    if state.clock.path_s == 0.0 && !state.progress.begun {
+        state.sent.carry(tau_disturbance, &setup.drives.effort);
+    }
     let refusal = match tick(setup, state, &now) {
         Ok((next, command)) if is_finite(&command.tau) => {
             *state = next;

@@ -6,7 +6,7 @@ use nalgebra::{SVector, Vector3};
 use process::{Damaged, Flow, Inputs, Outputs, Port, Process, Scratch, Snapshot};
 use shared_types::codes::DRIVE_BRAKED;
 use shared_types::scenario::Scenario;
-use shared_types::{EstimatorCheckpoint, Header, SensorSample, StateEstimate, WristForce};
+use shared_types::{EstimatorCheckpoint, Header, MAX_DOF, SensorSample, StateEstimate, WristForce};
 
 /// A predictor–corrector observer per joint with the arm's own dynamics as its predictor.
 ///
@@ -229,7 +229,7 @@ impl<const N: usize> Cycle<N> {
         let tick = sample.header.tick;
         let elapsed = known.elapsed(tick) * self.T;
         let mut predicted = match &known.0 {
-            None => State::begin(tick, measured),
+            None => self.standing(last, sample, wrist, measured),
             Some(state) => self.reach(state, last, sample, wrist, &measured),
         };
         (predicted.tick, predicted.ticks) = (tick, predicted.ticks.saturating_add(1));
@@ -275,6 +275,31 @@ impl<const N: usize> Cycle<N> {
             drive: sample.drive,
             stale_ticks: sample.stale_ticks,
         };
+    }
+
+    /// The arm before it moves: what its drives carry beyond the model's gravity is a load.
+    fn standing(
+        &self,
+        last: &mut LastTerms<N>,
+        sample: &SensorSample,
+        wrist: Option<&WristForce>,
+        measured: SVector<f64, N>,
+    ) -> State<N> {
+        let tick = sample.header.tick;
+        let mut state = State::begin(tick, measured);
+        // A plant that reports no torque carries the arm by other means.
+        if tick == 0 && sample.tau_drive != [0.0; MAX_DOF] {
+            let terms = last.at(&self.model, &measured, &state.qdot);
+            let tau = driving(terms, sample, wrist);
+            let is_seen = |joint: usize| {
+                let share = (tau - terms.gravity)[joint].abs() / self.model.effort()[joint];
+                share > self.disturbance.seen_at_rest
+            };
+            if (0..N).any(is_seen) {
+                state.unexplained = Unexplained::since_ever(-terms.qddot(&tau));
+            }
+        }
+        state
     }
 
     /// Decides whether a joint's reading is accepted; the prediction stands in for one that is set aside.
@@ -481,6 +506,23 @@ mod tests {
         let (worst, found) = follow(50.0, 0.3);
         assert!((found - 0.3).abs() < 0.02, "found {found} N·m of 0.3");
         assert!(worst < 0.02, "{worst} rad/s");
+    }
+
+    #[test]
+    fn what_the_drives_carry_at_rest_is_known_at_once() {
+        let weight = Joints::new(0.0, -20.0, 5.0, 0.0, 1.0, 0.0);
+        let found = |tick: u64, share: f64, is_reported: bool| {
+            let tau = ARM.gravity(&PLACE) - weight * share;
+            let tau = if is_reported { tau } else { Joints::zeros() };
+            let estimate = step(&mut estimator(150.0, 60.0), &sample(tick, &PLACE, &tau));
+            joints::<6>(&estimate.tau_disturbance)
+        };
+        let off = (found(0, 1.0, true) - weight).amax();
+        assert!(off < 1e-9, "{off} N·m off");
+        // Less than the encoders' noise explains, an arm that has moved, and a plant that reports no torque.
+        for (tick, share, is_reported) in [(0, 1e-3, true), (5, 1.0, true), (0, 1.0, false)] {
+            assert_eq!(found(tick, share, is_reported), Joints::zeros());
+        }
     }
 
     #[test]

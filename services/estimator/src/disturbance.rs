@@ -35,6 +35,9 @@ const FALL_S: f64 = 0.250;
 /// the observer's own delay. It is corrected for that, by this factor at most.
 const BEGUN: (f64, f64) = (0.2, 3.0);
 
+/// Least share of a torque limit that is a load of an arm at rest. An angle's noise σ, rad, changes gravity by no larger a share of the limit than σ.
+const LOAD: f64 = 1e-3;
+
 /// Time for which a disturbance counts after it was last seen, s.
 const HELD_S: f64 = 0.5;
 
@@ -47,6 +50,8 @@ pub(crate) struct Disturbance {
     threshold: f64,
     /// Delay of the observer's double pole, s.
     lag_s: f64,
+    /// Share of a torque limit from which on the torque of an arm at rest tells of a load; infinite: the observer is off.
+    pub(crate) seen_at_rest: f64,
 }
 
 /// The filters' state.
@@ -67,6 +72,15 @@ impl<const N: usize> Unexplained<N> {
             d: SVector::zeros(),
             slow: SVector::zeros(),
             presence: SVector::zeros(),
+        }
+    }
+
+    /// Known from the beginning, rad/s².
+    pub(crate) fn since_ever(d: SVector<f64, N>) -> Self {
+        Self {
+            d,
+            slow: d,
+            presence: SVector::repeat(1.0 + HELD_S / FALL_S),
         }
     }
 
@@ -113,6 +127,10 @@ impl Disturbance {
             bandwidth,
             threshold: (NOISE * sigma_d).max(EXACT),
             lag_s: 2.0 / scenario.estimator.bandwidth.max(1.0),
+            seen_at_rest: match bandwidth > 0.0 {
+                true => LOAD.max(NOISE * sigma),
+                false => f64::INFINITY,
+            },
         }
     }
 

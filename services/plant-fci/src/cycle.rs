@@ -61,17 +61,17 @@ impl Cycle {
         length: u64,
         start: &Measured,
     ) -> Self {
-        let drive = Drive::new(model.clone(), RATE_HZ, hold_ticks, &start.q);
+        let gravity = model.gravity(&start.q);
         Self {
             sent: start.tau_in_force,
-            acted: start.tau_in_force + model.gravity(&start.q),
+            acted: start.tau_in_force + gravity,
             held: None,
             flags: 0,
             saturation_mask: 0,
             end: TaskEnd::new(RATE_HZ, u64::from(TaskEnd::LONGEST).saturating_mul(length)),
             ticks: 0,
+            drive: Drive::new(model.clone(), RATE_HZ, hold_ticks, &gravity),
             model,
-            drive,
         }
     }
 

@@ -69,7 +69,10 @@ impl<const N: usize> Cycle<N> {
         // The drives' model is the description's, without the simulated deviation from it.
         let known = Model::new(robot, scenario.frame())?;
         let start = embedded(&start);
-        let drive = Drive::new(known, scenario.rate_hz, options.hold_ticks, &start);
+        let plant = Plant::new(robot, scenario.frame(), options, scenario.rate_hz, &start)?;
+        // They carry the arm as it is, with all that it holds.
+        let carries = plant.model().gravity(&start);
+        let drive = Drive::new(known, scenario.rate_hz, options.hold_ticks, &carries);
         let cycle = Self {
             encoders: Encoders::new(
                 robot,
@@ -85,7 +88,7 @@ impl<const N: usize> Cycle<N> {
             dt_s: scenario.dt_s(),
         };
         let world = World {
-            plant: Plant::new(robot, scenario.frame(), options, scenario.rate_hz, &start)?,
+            plant,
             acted: drive.applied().tau,
             drive,
             hardware_faults: HardwareFaults::new(scenario.dt_s()),

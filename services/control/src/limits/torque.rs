@@ -162,6 +162,13 @@ impl<const N: usize> Sent<N> {
         }
     }
 
+    /// The drives carry the arm with all that it holds, which pulls with `disturbance`, N·m: the first torque goes on from there.
+    pub(crate) fn carry(&mut self, disturbance: &SVector<f64, N>, effort: &SVector<f64, N>) {
+        if disturbance.amax() > 0.0 {
+            self.tau = Self::holding(&(self.tau - disturbance), effort).tau;
+        }
+    }
+
     /// One that a checkpoint has, within the limits; nothing at all where it is not a number: a damaged checkpoint moves no arm.
     #[must_use]
     pub fn restored([tau, path, null]: [SVector<f64, N>; 3], effort: &SVector<f64, N>) -> Self {
