@@ -10,6 +10,7 @@
 //! the null space of a redundant arm has its own goal in [`posture`].
 
 pub(crate) mod avoidance;
+mod boundary;
 pub(crate) mod curve;
 pub(crate) mod free_axis;
 pub mod guide;
@@ -80,10 +81,21 @@ pub(crate) fn motion<const N: usize>(
         forces.free(state.progress.leg, &mut desired_E, now);
     }
     let turn_error = rotation_error(&desired_E.R, &now.terms.X_BE.R, free.as_ref());
-    let desired = desired_E.at(now.p_EC);
-    let at_C = [stack(&(desired.p - now.at.p), &turn_error), desired.V - V];
-    let [error, lag] = about_E(at_C, now);
+    let mut desired = desired_E.at(now.p_EC);
+    let mut V_nominal = served(place.moving(time_rate, 0.0)).at(now.p_EC).V;
+    let mut a_feed = served(place.moving(clock * time_rate, 0.0)).at(now.p_EC).a;
+    let off = stack(&(desired.p - now.at.p), &turn_error);
     let clips = guide.ends_before(state.progress.leg);
+    // Beyond reach, the hand goes along with the nearest pose.
+    let boundary = clips.then(|| boundary::nearest(&setup.task, now, &off));
+    let boundary = boundary.flatten();
+    if let Some(boundary) = &boundary {
+        a_feed = boundary.acceleration(&a_feed, &desired.V);
+        desired.a = boundary.acceleration(&desired.a, &desired.V);
+        desired.V = boundary.velocity(&desired.V);
+        V_nominal = boundary.velocity(&V_nominal);
+    }
+    let [error, lag] = about_E([off, desired.V - V], now);
     // The distance to a goal beyond reach along a lost direction must not take from the answer across it.
     let lost = if clips {
         along_lost(&error, now.report)
@@ -91,7 +103,8 @@ pub(crate) fn motion<const N: usize>(
         Vector6::zeros()
     };
     let Control { k_p, k_v, .. } = setup.scenario.control;
-    let feedback = (bounded(&(error - lost)) + bounded(&lost)) * k_p;
+    let across = boundary.map_or(error - lost, |boundary| boundary.error(&(error - lost)));
+    let feedback = (bounded(&across) + bounded(&lost)) * k_p;
     Motion {
         leg,
         planned,
@@ -99,8 +112,8 @@ pub(crate) fn motion<const N: usize>(
         clock,
         desired_E,
         desired,
-        V_nominal: served(place.moving(time_rate, 0.0)).at(now.p_EC).V,
-        a_feed: served(place.moving(clock * time_rate, 0.0)).at(now.p_EC).a,
+        V_nominal,
+        a_feed,
         error,
         feedback,
         a: desired.a + lag * k_v + feedback,
