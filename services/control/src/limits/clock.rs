@@ -14,6 +14,8 @@ use nalgebra::SVector;
 
 /// Slowest clock, but where the plan asks for a slower one.
 const SLOWEST: f64 = 0.05;
+/// The clock of a path that waits, a millimetre of whose way takes minutes: rates are divided by the clock, so it never stands.
+const WAITING: f64 = 1e-3;
 /// Share of a limit that the path may take.
 pub const MARGIN: f64 = 0.95;
 /// Time constants, s.
@@ -51,7 +53,7 @@ pub struct Load<const N: usize> {
 /// The clock of a run: its speed, and the time that has passed on it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Clock {
-    /// Speed of the path's clock against real time, above 0 and at most 1: 0.05 on a path, or lower where its plan or a steered joint's limit asks for it.
+    /// Speed of the path's clock against real time, above 0 and at most 1: 0.05 on a path, or lower where its plan, a saturated joint or a steered joint's limit asks for it.
     pub rate: f64,
     /// Its change, 1/s.
     pub rate_dot: f64,
@@ -89,6 +91,12 @@ impl Clock {
     pub fn slow_down(&mut self, damping: f64, dt: f64) {
         let slowest = SLOWEST.min(self.rate);
         self.rate = (self.rate * libm::exp(-damping * dt)).max(slowest);
+        self.rate_dot = 0.0;
+    }
+
+    /// Comes to a stop as fast as it slows down: the path waits for an arm whose torque is used up.
+    fn wait(&mut self, dt: f64) {
+        self.rate = (self.rate * libm::exp(-dt / DOWN)).max(WAITING.min(self.rate));
         self.rate_dot = 0.0;
     }
 
@@ -166,10 +174,11 @@ pub(crate) fn step<const N: usize>(
             is_planned: motion.planned.is_some(),
         };
         let dt = setup.scenario.dt_s();
-        state.clock.govern(&load, model.effort(), dt);
         if limited.saturation_mask != 0 && setup.scenario.servo.is_none() {
             // The arm falls behind: the path waits, whatever was reckoned with.
-            state.clock.slow_down(1.0 / DOWN, dt);
+            state.clock.wait(dt);
+        } else {
+            state.clock.govern(&load, model.effort(), dt);
         }
     }
     let waits = state.force.waits();
@@ -256,8 +265,12 @@ mod tests {
         (0..500).for_each(|_| clock.govern(&heavy, &limits, 1e-3));
         let torque = 9.0 + 2.0 * clock.rate * clock.rate;
         assert!(torque < 9.6 && clock.rate > 0.4, "{torque}");
-        (0..40).for_each(|_| clock.slow_down(1.0 / DOWN, 1e-3));
-        assert!(clock.rate < 0.08);
+        (0..40).for_each(|_| clock.wait(1e-3));
+        assert!(clock.rate < 0.2);
+        (0..400).for_each(|_| clock.wait(1e-3));
+        assert!(clock.rate == WAITING);
+        (0..500).for_each(|_| clock.govern(&heavy, &limits, 1e-3));
+        assert!(clock.rate > 0.4);
     }
 
     #[test]
