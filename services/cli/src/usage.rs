@@ -186,7 +186,7 @@ fn takes_a_list(of: &Command, option: &str) -> bool {
     all.any(|one| one.get_long() == option.strip_prefix("--") && one.is_allow_hyphen_values_set())
 }
 
-fn is_number(word: &String) -> bool {
+fn is_number(word: &str) -> bool {
     let mut parts = word.trim_matches(',').split(',');
     parts.all(|part| part.parse::<f64>().is_ok())
 }

@@ -91,7 +91,8 @@ impl Source {
         }
         let is_path = name.contains('/') || path.extension().is_some();
         let file = format!("{name}.toml");
-        let beside = Some(&*file).filter(|file| Path::new(file).is_file());
+        let mut known: Vec<&str> = scenarios::names().collect();
+        known.extend(Some(&*file).filter(|file| Path::new(file).is_file()));
         let built_in = name
             .strip_suffix(".toml")
             .filter(|name| scenarios::text(name).is_some());
@@ -99,9 +100,7 @@ impl Source {
             return Err(Failure::Input(unknown(
                 "scenario",
                 name,
-                beside
-                    .into_iter()
-                    .chain(scenarios::names().map(|name| &name[..])),
+                known.into_iter(),
                 "or give the path of a scenario file (.toml), see `armplane list`",
             )));
         }
