@@ -25,6 +25,20 @@ const NO_NUMBERS: [(&str, &str); 5] = [
 /// The sentence for an error of these words on a command line.
 pub(crate) fn sentence(error: &clap::Error, command: &Command, words: &[String]) -> String {
     let called = called(command, words);
+    let (cause, remedy) = cause_and_remedy(error, called, command, words);
+    let help = || {
+        let name = called.map_or(String::new(), |called| format!("{} ", called.get_name()));
+        format!("`armplane {name}--help` shows how it is used")
+    };
+    format!("{cause}: {}", remedy.unwrap_or_else(help))
+}
+
+fn cause_and_remedy(
+    error: &clap::Error,
+    called: Option<&Command>,
+    command: &Command,
+    words: &[String],
+) -> (String, Option<String>) {
     let of = |kind| match error.get(kind) {
         Some(ContextValue::String(one)) => one.clone(),
         Some(ContextValue::Strings(all)) => all.join(", "),
@@ -32,7 +46,7 @@ pub(crate) fn sentence(error: &clap::Error, command: &Command, words: &[String])
     };
     let (argument, value) = (of(ContextKind::InvalidArg), of(ContextKind::InvalidValue));
     let known = of(ContextKind::ValidValue);
-    let (cause, remedy) = match error.kind() {
+    match error.kind() {
         ErrorKind::InvalidSubcommand => {
             let word = of(ContextKind::InvalidSubcommand);
             (
@@ -48,22 +62,7 @@ pub(crate) fn sentence(error: &clap::Error, command: &Command, words: &[String])
             let word = words.iter().find(is_short).unwrap_or(&argument);
             (format!("unexpected argument '{word}'"), remedy)
         }
-        ErrorKind::InvalidValue if value.is_empty() => {
-            let option = argument.split(' ').next().unwrap_or_default();
-            let remedy = match known.is_empty() {
-                true => called.and_then(|called| example(called, option)),
-                false => Some(format!("give one of {known}")),
-            };
-            (format!("'{argument}' has no value"), remedy)
-        }
-        ErrorKind::InvalidValue => {
-            let near = nearest(&value, known.split(", "));
-            let listed = || format!("give one of {known}");
-            (
-                format!("'{value}' for '{argument}'"),
-                Some(near.map_or_else(listed, did_you_mean)),
-            )
-        }
+        ErrorKind::InvalidValue => no_choice(&argument, &value, &known, called),
         ErrorKind::ValueValidation => {
             let why = std::error::Error::source(error).map(ToString::to_string);
             (
@@ -88,12 +87,24 @@ pub(crate) fn sentence(error: &clap::Error, command: &Command, words: &[String])
             let first = text.lines().next().unwrap_or_default();
             (first.trim_start_matches("error: ").to_owned(), None)
         }
-    };
-    let help = || {
-        let name = called.map_or(String::new(), |called| format!("{} ", called.get_name()));
-        format!("`armplane {name}--help` shows how it is used")
-    };
-    format!("{cause}: {}", remedy.unwrap_or_else(help))
+    }
+}
+
+/// Of an argument that takes one of the `known` values, where there are any, and was given none or another.
+fn no_choice(
+    argument: &str,
+    value: &str,
+    known: &str,
+    called: Option<&Command>,
+) -> (String, Option<String>) {
+    let listed = Some(format!("give one of {known}")).filter(|_| !known.is_empty());
+    if value.is_empty() {
+        let option = argument.split(' ').next().unwrap_or_default();
+        let remedy = listed.or_else(|| example(called?, option));
+        return (format!("'{argument}' has no value"), remedy);
+    }
+    let near = nearest(value, known.split(", ")).map(did_you_mean);
+    (format!("'{value}' for '{argument}'"), near.or(listed))
 }
 
 /// The command that is called, or the one below it.
