@@ -619,7 +619,7 @@ mod tests {
             let across = zeta.cross(&n).dot(&linear(&(served - a)));
             (served - a, share, moved.dot(&e), across)
         };
-        let stretched = -libm::atan2(0.4318, -0.0203);
+        let stretched = libm::atan2(0.4318, -0.0203);
         let (_, share, along, across) = at(stretched);
         assert!(
             share == 1.0 && (along - 3.0).abs() < 1e-9 && across.abs() < 1e-12,
