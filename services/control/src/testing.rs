@@ -1,12 +1,32 @@
 //! Shared by tests: arms, random postures, and a step of exact dynamics.
 
+use crate::centre::AtCentre;
+use crate::singularity::analyzer::Analyzer;
+use crate::tick::Now;
 use crate::types::Report;
 use model::{Factors, Model, Robot};
 use nalgebra::{SVector, Vector3};
 use proptest::prelude::*;
-use shared_types::scenario::Scenario;
+use shared_types::scenario::{Analysis, Scenario};
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
+
+/// An arm that stands in a posture, as a tick sees it.
+pub(crate) fn standing<T>(name: &str, q: [f64; 6], seen: impl FnOnce(&Now<'_, 6>) -> T) -> T {
+    let (robot, q, zero) = (robot(name), SVector::from(q), SVector::zeros());
+    let terms = Model::new(robot, None).unwrap().evaluate(&q, &zero);
+    let report = Analyzer::new(robot, &Analysis::default()).step(&q, &zero, &terms);
+    seen(&Now {
+        q: &q,
+        qdot: &zero,
+        tau_disturbance: &zero,
+        wrist_n: None,
+        report: &report,
+        terms: &terms,
+        at: &AtCentre::new(&terms, &report.p_BC, &Vector3::zeros()),
+        p_EC: &(terms.X_BE.R.transpose() * (report.p_BC - terms.X_BE.p)),
+    })
+}
 
 /// A built-in robot.
 pub(crate) fn robot(name: &str) -> &'static Robot {

@@ -134,9 +134,10 @@ impl Source {
     /// # Errors
     /// [`Failure::File`] if text or settings are invalid.
     pub fn parse(&self, settings: &[String]) -> Result<Scenario, Failure> {
-        let lost = settings.iter().find_map(|setting| misplaced(setting));
-        lost.map_or(Ok(()), Err)?;
-        Ok(Scenario::parse(&self.file, &self.text, settings)?)
+        Scenario::parse(&self.file, &self.text, settings).map_err(|error| {
+            let lost = settings.iter().find_map(|setting| misplaced(setting));
+            lost.unwrap_or_else(|| error.into())
+        })
     }
 
     /// Robot, targets and graph of a scenario from here, all checked.

@@ -149,7 +149,7 @@ impl Recorded {
             }
         }
         recorded.lines.values_mut().flatten().for_each(Line::flush);
-        // What was injected or lost is told when it is known, not when it happened.
+        // The log tells of a fault or a loss when it is known, not when it happened.
         recorded.log.sort_by_key(|event| event.tick);
         recorded.named = scene.named;
         recorded

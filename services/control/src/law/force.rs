@@ -337,7 +337,7 @@ pub(crate) fn step<const N: usize>(
     let a = tuning.acceleration(v, &felt);
     let served;
     (motion.a, served) = serve(now, &(motion.a + along(a)), &e, a);
-    // What is left to auxiliary coordinates is led by positions, which they reach at the rate k_aux.
+    // Positions lead the auxiliary coordinates to what is left, which they reach at the rate k_aux.
     let ahead_m = v / setup.scenario.control.k_aux * (1.0 - served);
     let on_path = setup.path.place(&state.progress).moving(0.0, 0.0).p;
     motion.off_path = e * (felt.place_m - e.dot(&on_path) + ahead_m);
@@ -545,11 +545,7 @@ impl Pressing {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::centre::AtCentre;
-    use crate::singularity::analyzer::Analyzer;
-    use crate::testing::robot;
-    use model::Model;
-    use shared_types::scenario::Analysis;
+    use crate::testing::standing;
 
     fn force() -> Force {
         let text = "name=\"t\"\nrobot=\"puma560\"\nstart.posture=\"ready\"\n[[segment]]\nduration_s=1.0\nforce={axis=\"-z\", newtons=10.0}\n";
@@ -593,31 +589,17 @@ mod tests {
     /// A PUMA in elbow lock that presses askew to ζ, and beside the lock.
     #[test]
     fn in_a_lock_what_is_left_of_the_axis_serves_the_force() {
-        let robot = robot("puma560");
-        let (model, zero) = (Model::<6>::new(robot, None).unwrap(), SVector::zeros());
         let at = |q3: f64| {
-            let q = SVector::from([0.4, -0.7, q3, 0.3, 0.6, 0.1]);
-            let terms = model.evaluate(&q, &zero);
-            let report = Analyzer::new(robot, &Analysis::default()).step(&q, &zero, &terms);
-            let C = AtCentre::new(&terms, &report.p_BC, &Vector3::zeros());
-            let now = Now {
-                q: &q,
-                qdot: &zero,
-                tau_disturbance: &zero,
-                wrist_n: None,
-                report: &report,
-                terms: &terms,
-                at: &C,
-                p_EC: &(terms.X_BE.R.transpose() * (report.p_BC - terms.X_BE.p)),
-            };
-            let zeta = linear(&report.singularities[0].zeta_B);
-            let n = zeta.cross(&Vector3::new(0.2, 0.9, 0.4)).normalize();
-            let e = (zeta * 0.6 + n * 0.8).normalize();
-            let a = stack(&(Vector3::new(1.0, -2.0, 0.5) + e), &Vector3::zeros());
-            let (served, share) = serve(&now, &a, &e, 3.0);
-            let moved = linear(&served) - zeta * zeta.dot(&linear(&served));
-            let across = zeta.cross(&n).dot(&linear(&(served - a)));
-            (served - a, share, moved.dot(&e), across)
+            standing("puma560", [0.4, -0.7, q3, 0.3, 0.6, 0.1], |now| {
+                let zeta = linear(&now.report.singularities[0].zeta_B);
+                let n = zeta.cross(&Vector3::new(0.2, 0.9, 0.4)).normalize();
+                let e = (zeta * 0.6 + n * 0.8).normalize();
+                let a = stack(&(Vector3::new(1.0, -2.0, 0.5) + e), &Vector3::zeros());
+                let (served, share) = serve(now, &a, &e, 3.0);
+                let moved = linear(&served) - zeta * zeta.dot(&linear(&served));
+                let across = zeta.cross(&n).dot(&linear(&(served - a)));
+                (served - a, share, moved.dot(&e), across)
+            })
         };
         let stretched = libm::atan2(0.4318, -0.0203);
         let (_, share, along, across) = at(stretched);

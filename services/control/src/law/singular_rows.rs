@@ -11,6 +11,7 @@ use crate::paper::type_2;
 use crate::reference::guide::{Guide, WAIT};
 use crate::reference::turn;
 use crate::singularity::family::Situation;
+use crate::singularity::reference::slope as along_zeta;
 use crate::singularity::turning::turning;
 use crate::state::State;
 use crate::tick::{Motion, Now};
@@ -85,7 +86,7 @@ pub(crate) fn engaged<const N: usize>(
     // The motion by which the folds open that come before a singularity.
     let mut opening = Vector6::zeros();
     for (i, s) in now.report.listed().iter().enumerate() {
-        let fold = Opening::of(setup, i, (now, motion));
+        let fold = Opening::of(setup, i, now, motion);
         let gains = Gains {
             k: control.k_aux,
             k_v: control.k_v,
@@ -153,7 +154,8 @@ impl Opening {
     fn of<const N: usize>(
         setup: &Setup<N>,
         place: usize,
-        (now, motion): (&Now<'_, N>, &Motion<N>),
+        now: &Now<'_, N>,
+        motion: &Motion<N>,
     ) -> Self {
         let (s, listed) = (&now.report.singularities[place], now.report.listed());
         let rate_max = setup.rate_max(place, s);
@@ -255,7 +257,7 @@ fn pressed<const N: usize>(
     target: Target,
     (now, motion): (&Now<'_, N>, &Motion<N>),
 ) -> Target {
-    let slope_at = |error: f64| s.gain * (1.0 - s.askew) - s.kappa_1 * error;
+    let slope_at = |error: f64| along_zeta(s) - s.kappa_1 * error;
     let slope = slope_at(target.error);
     let next = (setup.guide).at(state.progress.leg, state.clock.plan_s + SIDE_S);
     let ahead = next.map_or(slope, |plan| slope_at(s.aux_row.dot(&(plan.q - now.q))));

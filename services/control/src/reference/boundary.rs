@@ -116,7 +116,7 @@ impl Boundary {
         Some(boundary)
     }
 
-    /// What is left of a translation of the path where the hand goes along the boundary, less what its own turn takes, `taken`.
+    /// The part that is left of a translation of the path where the hand goes along the boundary, less what its own turn takes, `taken`.
     fn left(&self, v: &Vector3<f64>, taken: &Vector2<f64>) -> Vector3<f64> {
         let across = self.shares * (self.tangents.tr_mul(v) - taken);
         self.zeta * self.zeta.dot(v) + self.tangents * across
@@ -144,45 +144,26 @@ impl Boundary {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::centre::AtCentre;
-    use crate::singularity::analyzer::Analyzer;
-    use crate::testing::robot;
-    use model::Model;
-    use nalgebra::SVector;
-    use shared_types::scenario::Analysis;
+    use crate::testing::{robot, standing};
 
     /// Two links of a metre: the boundary is a circle of radius 2 m.
     #[test]
     fn beyond_a_circle_the_nearest_pose_goes_at_the_same_angle() {
-        let two = robot("planar2r");
-        let model = Model::<6>::new(two, None).unwrap();
-        let zero = SVector::zeros();
-        let q = SVector::from([0.3, 0.0, 0.0, 0.0, 0.0, 0.0]);
-        let terms = model.evaluate(&q, &zero);
-        let report = Analyzer::new(two, &Analysis::default()).step(&q, &zero, &terms);
-        let p_EC = terms.X_BE.R.transpose() * (report.p_BC - terms.X_BE.p);
-        let now = Now {
-            q: &q,
-            qdot: &zero,
-            tau_disturbance: &zero,
-            wrist_n: None,
-            report: &report,
-            terms: &terms,
-            at: &AtCentre::new(&terms, &report.p_BC, &Vector3::zeros()),
-            p_EC: &p_EC,
-        };
-        let outwards = Vector3::new(libm::cos(0.3), libm::sin(0.3), 0.0);
-        let along = Vector3::new(-outwards.y, outwards.x, 0.0);
-        let twist = |v: Vector3<f64>| stack(&v, &Vector3::zeros());
-        let boundary = |beyond_m: f64| nearest(&two.task.0, &now, &twist(outwards * beyond_m));
-        let half = boundary(0.5).unwrap();
-        // The path at 1 m/s along and 0.7 m/s outwards, without an acceleration: its angle has the rate 0.4 and the acceleration −2·0.7·0.4/2.5.
-        let V = twist(along + outwards * 0.7);
-        let off = half.velocity(&V) - twist(along * 0.8 + outwards * 0.7);
-        assert!(off.amax() < 1e-9, "{off}");
-        let off = half.acceleration(&Vector6::zeros(), &V) + twist(along * 0.448);
-        assert!(off.amax() < 1e-9, "{off}");
-        assert!((half.error(&V) - half.velocity(&V)).amax() < 1e-12);
-        assert!(boundary(-0.5).is_none() && boundary(0.0).is_none());
+        let task = &robot("planar2r").task.0;
+        standing("planar2r", [0.3, 0.0, 0.0, 0.0, 0.0, 0.0], |now| {
+            let outwards = Vector3::new(libm::cos(0.3), libm::sin(0.3), 0.0);
+            let along = Vector3::new(-outwards.y, outwards.x, 0.0);
+            let twist = |v: Vector3<f64>| stack(&v, &Vector3::zeros());
+            let boundary = |beyond_m: f64| nearest(task, now, &twist(outwards * beyond_m));
+            let half = boundary(0.5).unwrap();
+            // The path at 1 m/s along and 0.7 m/s outwards, without an acceleration: its angle has the rate 0.4 and the acceleration −2·0.7·0.4/2.5.
+            let V = twist(along + outwards * 0.7);
+            let off = half.velocity(&V) - twist(along * 0.8 + outwards * 0.7);
+            assert!(off.amax() < 1e-9, "{off}");
+            let off = half.acceleration(&Vector6::zeros(), &V) + twist(along * 0.448);
+            assert!(off.amax() < 1e-9, "{off}");
+            assert!((half.error(&V) - half.velocity(&V)).amax() < 1e-12);
+            assert!(boundary(-0.5).is_none() && boundary(0.0).is_none());
+        });
     }
 }

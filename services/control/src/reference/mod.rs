@@ -157,45 +157,24 @@ pub(crate) fn along_lost<const N: usize>(error: &Vector6<f64>, report: &Report<N
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::centre::AtCentre;
-    use crate::singularity::analyzer::Analyzer;
-    use crate::testing::robot;
-    use model::Model;
-    use nalgebra::SVector;
-    use shared_types::scenario::Analysis;
+    use crate::testing::standing;
 
     /// A UR5 in its wrist's lock, E on its path and turned off it: about ζ that asks nothing of C, about another axis it moves C.
     #[test]
     fn a_lost_rotation_turns_the_hand_about_its_own_point() {
-        let model = Model::<6>::new(robot("ur5"), None).unwrap();
-        let (q, zero) = (
-            SVector::from([0.4, -1.2, 1.5, 0.3, 0.0, 0.7]),
-            SVector::zeros(),
-        );
-        let terms = model.evaluate(&q, &zero);
-        let report = Analyzer::new(robot("ur5"), &Analysis::default()).step(&q, &zero, &terms);
-        let p_EC = terms.X_BE.R.transpose() * (report.p_BC - terms.X_BE.p);
-        assert!(p_EC.norm() > 0.05, "{p_EC}");
-        let now = Now {
-            q: &q,
-            qdot: &zero,
-            tau_disturbance: &zero,
-            wrist_n: None,
-            report: &report,
-            terms: &terms,
-            at: &AtCentre::new(&terms, &report.p_BC, &Vector3::zeros()),
-            p_EC: &p_EC,
-        };
-        // The error at C where E is on its path and the hand turned off it.
-        let moved = |turn: Vector3<f64>| {
-            let at_C = turn.cross(&(terms.X_BE.R * p_EC));
-            let [error, _] = about_E([stack(&at_C, &turn), Vector6::zeros()], &now);
-            linear(&error).norm()
-        };
-        let lost = report.listed().iter().find(|s| s.inside).unwrap();
-        let zeta = angular(&lost.zeta_B).normalize();
-        let across = zeta.cross(&(terms.X_BE.R * p_EC)).normalize();
-        assert!(moved(zeta * 0.05) < 1e-12, "{}", moved(zeta * 0.05));
-        assert!(moved(across * 0.05) > 1e-3, "{}", moved(across * 0.05));
+        standing("ur5", [0.4, -1.2, 1.5, 0.3, 0.0, 0.7], |now| {
+            assert!(now.p_EC.norm() > 0.05, "{}", now.p_EC);
+            // The error at C where E is on its path and the hand turned off it.
+            let moved = |turn: Vector3<f64>| {
+                let at_C = turn.cross(&(now.terms.X_BE.R * now.p_EC));
+                let [error, _] = about_E([stack(&at_C, &turn), Vector6::zeros()], now);
+                linear(&error).norm()
+            };
+            let lost = now.report.listed().iter().find(|s| s.inside).unwrap();
+            let zeta = angular(&lost.zeta_B).normalize();
+            let across = zeta.cross(&(now.terms.X_BE.R * now.p_EC)).normalize();
+            assert!(moved(zeta * 0.05) < 1e-12, "{}", moved(zeta * 0.05));
+            assert!(moved(across * 0.05) > 1e-3, "{}", moved(across * 0.05));
+        });
     }
 }

@@ -22,7 +22,7 @@ mod elbow;
 mod factors;
 pub mod family;
 mod geometry;
-mod reference;
+pub(crate) mod reference;
 pub mod screws;
 mod tracked_svd;
 mod tracker;

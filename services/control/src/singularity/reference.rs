@@ -155,7 +155,7 @@ fn along<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>) -> f64 {
 }
 
 /// Velocity along ζ per rate of the coordinate, whatever direction that has; m or 1.
-fn slope<const N: usize>(s: &Singularity<N>) -> f64 {
+pub(crate) fn slope<const N: usize>(s: &Singularity<N>) -> f64 {
     s.gain * (1.0 - s.askew)
 }
 
