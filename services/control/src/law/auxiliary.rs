@@ -45,13 +45,14 @@ pub struct Gains {
 }
 
 impl Gains {
-    /// Those of a coordinate with a planned rate: its schedule keeps the joints' limits, and the bounds are for the correction beside it. Its rate may
-    /// change more quickly, up to `most`, rad/s².
+    /// Those of a coordinate with a planned rate, rad/s, and change of rate, rad/s²: its schedule keeps the joints' limits, and the bounds are for the
+    /// correction beside it. The correction may change more quickly, up to `most`, rad/s².
     #[must_use]
-    pub fn beside(self, rate: f64, most: f64) -> Self {
+    pub fn beside(self, rate: f64, change: f64, most: f64) -> Self {
+        let slew = (PLANNED_SLEW * self.slew).min(most).max(self.slew);
         Self {
             rate_max: self.rate_max + rate.abs(),
-            slew: (PLANNED_SLEW * self.slew).min(most).max(self.slew),
+            slew: slew + change.abs(),
             ..self
         }
     }

@@ -82,6 +82,10 @@ pub(crate) fn engaged<const N: usize>(
     let (control, dt_s) = (&setup.scenario.control, setup.scenario.dt_s());
     let ahead = setup.path.ahead(&state.progress, *now.p_EC);
     let planned = state.qdot_planned;
+    let qddot_planned = motion.planned.map(|plan| {
+        let bend = setup.guide.acceleration(state.clock.plan_s) * (motion.clock * motion.clock);
+        bend + plan.dq * state.clock.rate_dot
+    });
     let mut out = SingularRows::none();
     // The motion by which the folds open that come before a singularity.
     let mut opening = Vector6::zeros();
@@ -110,8 +114,10 @@ pub(crate) fn engaged<const N: usize>(
         };
         let target = target(setup, state, i, s, &situation, (now, motion))?;
         opening += fold.per_aux * target.error;
-        let beside = |_| gains.beside(target.rate, setup.slew_by_torque(s, &now.terms.A));
-        let gains = motion.planned.map_or(gains, beside);
+        let gains = qddot_planned.map_or(gains, |qddot| {
+            let most = setup.slew_by_torque(s, &now.terms.A);
+            gains.beside(target.rate, s.aux_row.dot(&qddot), most)
+        });
         let one = &mut state.loops[i];
         let is_hard = control.strategy == Strategy::ChangKhatib;
         let demand = one.step(s, &target, &gains, is_hard, (motion.clock, dt_s));
