@@ -34,8 +34,9 @@ const TURNING_TORQUE: f64 = 0.5;
 const PIECES: u32 = 24;
 /// σ below which a knot is singular enough for the path to wait there.
 pub(super) const SINGULAR: f64 = 0.05;
-/// Shortest step of the route's clock, s.
+/// Shortest step of the route's clock, s; longest motion, at full joint speed, that counts as none.
 const SHORTEST_S: f64 = 1e-7;
+const BRIEF_S: f64 = 2e-3;
 
 /// A point of the route.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -437,16 +438,30 @@ fn timed<const N: usize>(
         speed: 1.0,
     };
     let at_end = |t: f64| t < 1e-9 || ends.iter().any(|end| (end - t).abs() < 1e-9);
-    let mut points: Vec<Point<N>> = Vec::with_capacity(knots.len());
+    let Some(first) = knots.first() else {
+        return (vec![], vec![], vec![]);
+    };
+    let velocity = request.velocity();
+    // Where a damped step leads past a lock, a route may turn in next to no time: while it does, the path waits.
+    let waits = |a: &Knot<N>, b: &Knot<N>| {
+        let least_s = slowest(&(b.q - a.q), &velocity);
+        b.waits || SLOWEST * least_s > SCHEDULED * (b.t - a.t)
+    };
+    // The route begins at its first knot, which waits for nothing.
+    let mut points = vec![point(0.0, first.t, first.q)];
     let (mut rests, mut stops) = (vec![0], vec![]);
-    for stretch in knots.chunk_by(|a, b| a.waits && b.waits) {
-        let knot = &stretch[0];
-        let Some(last) = points.last().copied() else {
-            // The route begins at its first knot, which waits for nothing.
-            points.push(point(0.0, knot.t, knot.q));
-            continue;
-        };
-        if !knot.waits {
+    let mut from = 0;
+    while from + 1 < knots.len() {
+        let waiting = knots[from..]
+            .windows(2)
+            .take_while(|pair| waits(&pair[0], &pair[1]));
+        let way = &knots[from..=from + waiting.count().max(1)];
+        from += way.len() - 1;
+        let (last, knot) = (points[points.len() - 1], way[way.len() - 1]);
+        let rests_there = way.iter().skip(1).all(|knot| knot.waits);
+        if !waits(&way[0], &way[1])
+            || !rests_there && slowest(&(knot.q - last.q), &velocity) < BRIEF_S
+        {
             if knot.t - last.t > SHORTEST_S {
                 points.push(point(last.u + knot.t - last.t, knot.t, knot.q));
                 if at_end(knot.t) {
@@ -455,11 +470,15 @@ fn timed<const N: usize>(
             }
             continue;
         }
-        let mut way = vec![last.q];
-        way.extend(stretch.iter().map(|knot| knot.q));
-        let moved = self_motion(request, arm, &last, &way);
+        let mut postures = vec![last.q];
+        postures.extend(way.iter().skip(1).map(|knot| knot.q));
+        let moved = self_motion(request, arm, &last, &postures, rests_there);
         let here = [points.len() - 1, points.len() - 1 + moved.len()];
-        points.extend(moved.into_iter().map(|(u, q)| point(u, last.t, q)));
+        let whole = moved.last().map_or(1.0, |(u, _)| u - last.u);
+        points.extend(moved.into_iter().map(|(u, q)| {
+            let t = last.t + (knot.t - last.t) * ((u - last.u) / whole);
+            point(u, t, q)
+        }));
         rests.extend(here);
         if !at_end(last.t) {
             stops.extend(here);
@@ -480,12 +499,13 @@ fn speed_between<const N: usize>(a: &Point<N>, b: &Point<N>, x: f64) -> f64 {
     (a.speed * a.speed * (1.0 - x) + b.speed * b.speed * x).sqrt()
 }
 
-/// A self-motion as (u, q): a quintic along the way, whose postures keep the pose.
+/// A motion while the path waits as (u, q): a quintic along the way, whose postures keep the pose where the path `rests` in it.
 fn self_motion<const N: usize>(
     request: &Request<'_, N>,
     arm: &Kinematics<'_, N>,
     from: &Point<N>,
     way: &[SVector<f64, N>],
+    rests: bool,
 ) -> Vec<(f64, SVector<f64, N>)> {
     let speeds = request.velocity().map(|speed| (SPEED * speed).min(TURNING));
     let lengths = way.windows(2);
@@ -511,7 +531,7 @@ fn self_motion<const N: usize>(
             }
             left -= length;
         }
-        if !is_beside {
+        if rests && !is_beside {
             q = arm.at_rest(&X, &q).0;
         }
         (from.u + T * time, q)
