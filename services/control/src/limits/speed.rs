@@ -1,7 +1,7 @@
 //! Speed limits of the joints, kept by acceleration: what the clock cannot slow down, the null-space motion above all, is held here.
 //!
 //! With the gap g_i = 0.98 v_i − |q̇_i|, a joint may gain speed by no more than what its torque rate takes back in time, √(2 j_i g_i) with
-//! j_i = ½·(torque rate)/A_ii, and near the limit by no more than g_i/25 ms.
+//! j_i = ½·(torque rate)/A_ii, and by no more than g_i/4 ms, near the limit g_i/25 ms.
 //!
 //! Reduces to the paper's law: while every joint is below 0.5 v_i the torques are passed on unchanged (proof: `far_from_the_limits_nothing_changes`).
 
@@ -17,8 +17,9 @@ const FROM: f64 = 0.85;
 const MOST: f64 = 0.98;
 /// Share of a joint's torque rate that is reckoned with: the rest is for the joints that move with it.
 const RATE_SHARE: f64 = 0.5;
-/// Time constant of the approach, s: the velocity feedback's.
+/// Time constants of the approach, s: the velocity feedback's, and a few ticks, within which a joint of next to no inertia does not leap to its limit.
 const APPROACH_S: f64 = 0.025;
+const LEAP_S: f64 = 0.004;
 
 /// The torques, scaled down so that no joint is driven beyond its speed limit.
 ///
@@ -39,11 +40,8 @@ pub fn held<const N: usize>(
     let mut limits = [f64::NEG_INFINITY, f64::INFINITY].map(SVector::<f64, N>::repeat);
     for i in (0..N).filter(|i| is_watched(*i)) {
         let gap = MOST * velocity[i] - qdot[i].abs();
-        let near = if qdot[i].abs() > FROM * velocity[i] {
-            gap / APPROACH_S
-        } else {
-            f64::INFINITY
-        };
+        let is_near = qdot[i].abs() > FROM * velocity[i];
+        let near = gap / if is_near { APPROACH_S } else { LEAP_S };
         let room = near.min((2.0 * RATE_SHARE * torque_rate[i] / A[(i, i)] * gap.max(0.0)).sqrt());
         let is_up = qdot[i] > 0.0;
         limits[usize::from(is_up)][i] = if is_up { room } else { -room };
