@@ -93,7 +93,8 @@ def way(kind, arm, q, random):
             return centre + (size + grow * s) * (along * np.sin(angle) - inward * np.cos(angle)), R
 
     back = arm.follow(q, [at(s) for s in np.linspace(0.5, 0, SAMPLES // 2)] if kind != "eight" else [at(0)])
-    if back is None:
+    # A path begins where the hand is.
+    if back is None or norm(arm.pose(back[-1])[0] - at(0)[0]) > 1e-5:
         return None
 
     def keys(time):
