@@ -14,15 +14,12 @@ use crate::singularity::family::Family;
 use crate::state::State;
 use crate::types::{Kind, Refusal, Singularity};
 use model::{Model, Robot};
-use nalgebra::{SMatrix, SVector};
+use nalgebra::SVector;
 use shared_types::ControllerCheckpoint;
 use shared_types::scenario::Scenario;
 
 /// Share of a joint's speed that the self-motion at a singularity may take.
 const JOINT_SHARE: f64 = 0.5;
-
-/// Share of a joint's torque by which a planned auxiliary rate may change.
-const SLEW_TORQUE: f64 = 0.4;
 
 /// What does not change from tick to tick: the arm, its task, and the terms on which it is followed.
 #[derive(Clone, Debug)]
@@ -86,27 +83,13 @@ impl<const N: usize> Setup<N> {
             return stated / self.largest_share(s);
         }
         // As fast as a joint may be where only it moves.
-        let most = JOINT_SHARE * self.model.velocity();
-        stated.min(by_joints(s, &most, |_| 1.0))
+        let (most, size) = (
+            JOINT_SHARE * self.model.velocity(),
+            s.aux_row.norm_squared().max(1e-12),
+        );
+        let of = |i: usize| most[i] * size / s.aux_row[i].abs().max(1e-9);
+        (0..N).fold(stated, |least, i| least.min(of(i)))
     }
-
-    /// The change of an auxiliary rate that takes a share of the torque of some joint, by the mass matrix `A`, rad/s².
-    pub(crate) fn slew_by_torque(&self, s: &Singularity<N>, A: &SMatrix<f64, N, N>) -> f64 {
-        let most = SLEW_TORQUE * self.model.effort();
-        by_joints(s, &most, |i| A[(i, i)])
-    }
-}
-
-/// The largest motion of a coordinate in which no joint takes more than `most`, at so much per unit of its own motion.
-#[inline]
-fn by_joints<const N: usize>(
-    s: &Singularity<N>,
-    most: &SVector<f64, N>,
-    per_unit: impl Fn(usize) -> f64,
-) -> f64 {
-    let size = s.aux_row.norm_squared().max(1e-12);
-    let of = |i: usize| most[i] * size / (per_unit(i) * s.aux_row[i].abs()).max(1e-9);
-    (0..N).fold(f64::INFINITY, |least, i| least.min(of(i)))
 }
 
 /// The control law of one arm and one task.

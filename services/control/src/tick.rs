@@ -10,8 +10,8 @@ use crate::law::{self, force, singular_rows};
 use crate::limits::plausible::{self, Plausible};
 use crate::limits::{self, Parts, clock};
 use crate::linear::is_finite;
-use crate::plan::Sample;
 use crate::plan::beyond_reach;
+use crate::reference::guide::Planned;
 use crate::reference::path::Leg;
 use crate::reference::{self, targets};
 use crate::state::State;
@@ -63,7 +63,7 @@ pub(crate) struct Motion<const N: usize> {
     /// The leg of the path, while it lasts.
     pub(crate) leg: Option<Leg>,
     /// The planned posture, where the leg is planned.
-    pub(crate) planned: Option<Sample<N>>,
+    pub(crate) planned: Option<Planned<N>>,
     /// From a goal on that is beyond reach.
     pub(crate) clips: bool,
     /// Speed of the clock; the path's own runs at it, or waits.

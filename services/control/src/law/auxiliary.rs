@@ -25,9 +25,6 @@ const FAR: f64 = 1.5;
 /// A measured rate beyond the largest one by this factor is an outlier: a loop that begins there returns from it at its own slew only.
 const FASTEST: f64 = 4.0;
 
-/// Largest change of a planned rate over that of a coordinate without plan.
-const PLANNED_SLEW: f64 = 4.0;
-
 /// Error along ζ that counts as gone, m or rad.
 const GONE: f64 = 5e-6;
 
@@ -42,20 +39,6 @@ pub struct Gains {
     pub rate_max: f64,
     /// Largest change of rate, rad/s².
     pub slew: f64,
-}
-
-impl Gains {
-    /// Those of a coordinate with a planned rate, rad/s, and change of rate, rad/s²: its schedule keeps the joints' limits, and the bounds are for the
-    /// correction beside it. The correction may change more quickly, up to `most`, rad/s².
-    #[must_use]
-    pub fn beside(self, rate: f64, change: f64, most: f64) -> Self {
-        let slew = (PLANNED_SLEW * self.slew).min(most).max(self.slew);
-        Self {
-            rate_max: self.rate_max + rate.abs(),
-            slew: slew + change.abs(),
-            ..self
-        }
-    }
 }
 
 /// The state of the loop at one singularity.
@@ -167,7 +150,8 @@ impl Loop {
     ///
     /// β = smoothstep((|s| − η_in)/(η_out − η_in)) · (1 − smoothstep((|e| − 0.02)/0.08)), the second factor limited in rate so that β never jumps.
     /// rate_cmd = slew(sat(rate + K·e)); acceleration = k_v(rate_cmd − rate) + low-passed change of rate_cmd. With `is_hard` the paper's switching: β = 0
-    /// inside |s| ≤ η_in, and [`Demand::none`] outside.
+    /// inside |s| ≤ η_in, and [`Demand::none`] outside. The schedule of a plan keeps the joints' limits, so that only the correction beside it is
+    /// bounded: rate_cmd = rate + sat(K·e), and its change is the plan's and K·ė.
     ///
     /// Units rad, rad/s, `dt` s · Requires `clock` > 0, the speed of the path's clock, in which `target.rate` already is · Ensures 0 ≤ β ≤ 1, β = 0 for
     /// |s| ≤ η_in, and [`Demand::none`] outside · Errors none · Cost O(1), no allocation
@@ -198,11 +182,16 @@ impl Loop {
         }
         self.trust += (gone - self.trust).clamp(-TRUST_RATE * dt, TRUST_RATE * dt);
         let (correction, nominal) = (gains.k * error, target.rate / clock);
-        let wanted = target.rate + correction;
-        let bounded = wanted.clamp(-gains.rate_max, gains.rate_max);
-        let change = (bounded - self.rate).clamp(-gains.slew * dt, gains.slew * dt);
-        self.rate += change;
-        self.feed_forward += (change / dt - self.feed_forward) * dt / (FEED_FORWARD_LAG + dt);
+        let bounded = |rate: f64| rate.clamp(-gains.rate_max, gains.rate_max);
+        if let Some(change) = target.change {
+            self.rate = target.rate + bounded(correction);
+            self.feed_forward = change + gains.k * (target.rate - s.aux_rate);
+        } else {
+            let most = gains.slew * dt;
+            let change = (bounded(target.rate + correction) - self.rate).clamp(-most, most);
+            self.rate += change;
+            self.feed_forward += (change / dt - self.feed_forward) * dt / (FEED_FORWARD_LAG + dt);
+        }
         let beta = if is_hard {
             0.0
         } else {

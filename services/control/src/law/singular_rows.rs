@@ -82,10 +82,6 @@ pub(crate) fn engaged<const N: usize>(
     let (control, dt_s) = (&setup.scenario.control, setup.scenario.dt_s());
     let ahead = setup.path.ahead(&state.progress, *now.p_EC);
     let planned = state.qdot_planned;
-    let qddot_planned = motion.planned.map(|plan| {
-        let bend = setup.guide.acceleration(state.clock.plan_s) * (motion.clock * motion.clock);
-        bend + plan.dq * state.clock.rate_dot
-    });
     let mut out = SingularRows::none();
     // The motion by which the folds open that come before a singularity.
     let mut opening = Vector6::zeros();
@@ -114,10 +110,6 @@ pub(crate) fn engaged<const N: usize>(
         };
         let target = target(setup, state, i, s, &situation, (now, motion))?;
         opening += fold.per_aux * target.error;
-        let gains = qddot_planned.map_or(gains, |qddot| {
-            let most = setup.slew_by_torque(s, &now.terms.A);
-            gains.beside(target.rate, s.aux_row.dot(&qddot), most)
-        });
         let one = &mut state.loops[i];
         let is_hard = control.strategy == Strategy::ChangKhatib;
         let demand = one.step(s, &target, &gains, is_hard, (motion.clock, dt_s));
@@ -219,7 +211,7 @@ fn target<const N: usize>(
             if s.class == Class::Type1 && s.aux.abs() > SIDE_CHANGE {
                 state.loops[place].memory.side = s.aux.signum();
             }
-            let target = setup.guide.target(s, planned, now.q, motion.clock);
+            let target = setup.guide.target(s, planned, now.q);
             match motion.off_path == Vector3::zeros() {
                 true => target,
                 false => pressed(setup, state, place, s, target, (now, motion)),
@@ -284,9 +276,11 @@ fn pressed<const N: usize>(
     let square = |share: f64| (share * setup.length_m) * (share * setup.length_m);
     let both = slope + wanted;
     let (least, steady) = (square(DAMPING), square(STEADY));
+    let faster = (slope * wanted + steady) / (wanted * wanted + steady);
     Target {
         error: target.error + 2.0 * x * both / (both * both + least),
-        rate: target.rate * (slope * wanted + steady) / (wanted * wanted + steady),
+        rate: target.rate * faster,
+        change: target.change.map(|change| change * faster),
         ..target
     }
 }

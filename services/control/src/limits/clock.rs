@@ -168,7 +168,7 @@ pub(crate) fn step<const N: usize>(
             braking: A * torques.qdot_nominal,
             planned: setup
                 .guide
-                .speed(motion.planned.as_ref(), state.clock.plan_s, clock)
+                .speed(motion.planned.is_some(), state.clock.plan_s, clock)
                 .min(state.targets.fastest.clock)
                 .min(along_boundary(setup, now, motion)),
             is_planned: motion.planned.is_some(),

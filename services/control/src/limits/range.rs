@@ -1,7 +1,7 @@
 //! The ranges of the joints: the run is refused, the clock slows, or an acceleration is held, before a joint reaches the end of its range.
 
 use super::{Parts, shares};
-use crate::plan::Sample;
+use crate::reference::guide::Planned;
 use model::{Model, Terms};
 use nalgebra::SVector;
 
@@ -22,7 +22,7 @@ const STRAYED: f64 = 0.02;
 #[must_use]
 #[inline]
 pub fn is_nearing<const N: usize>(
-    planned: Option<&Sample<N>>,
+    planned: Option<&Planned<N>>,
     (q, qdot): (&SVector<f64, N>, &SVector<f64, N>),
     terms: &Terms<N>,
     model: &Model<N>,

@@ -22,6 +22,8 @@ pub struct Target {
     pub error: f64,
     /// Rate of the reference, rad/s.
     pub rate: f64,
+    /// Change of that rate, rad/s², where a plan has it.
+    pub change: Option<f64>,
     /// Weight of the error, 0 to 1.
     pub weight: f64,
     /// The mode this amounts to inside the neighbourhood.

@@ -65,5 +65,6 @@ pub fn target(fold: &Fold, is_inside: bool, branch: i32, memory: &mut Memory) ->
             Mode::Track
         },
         clipped: fold.clipped,
+        ..Target::default()
     }
 }

@@ -55,6 +55,7 @@ pub fn target(direction: Option<Direction>) -> Target {
         weight,
         mode,
         clipped,
+        ..Target::default()
     }
 }
 
@@ -105,7 +106,7 @@ impl<const N: usize> Turn<N> {
             rate: rate / per_aux,
             weight: 1.0,
             mode: Mode::Reorient,
-            clipped: false,
+            ..Target::default()
         }
     }
 }

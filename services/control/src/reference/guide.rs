@@ -12,10 +12,25 @@ const WAIT_FROM: f64 = 0.05;
 const WAIT_TO: f64 = 0.25;
 /// Demand on the clock that makes it wait.
 pub const WAIT: f64 = 20.0;
-/// Half of the time over which the planned acceleration is taken, s.
-const RISE_S: f64 = 0.03;
+/// Half of the time over which the planned acceleration is taken, s, and the slowest clock by which it is.
+const RISE_S: f64 = 0.015;
+const SLOWEST: f64 = 1e-3;
 /// Lag of the clock behind its target, s.
 const LAG_S: f64 = 0.04;
+
+/// The planned motion at a moment, at the clock's present speed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Planned<const N: usize> {
+    /// Posture, rad.
+    pub q: SVector<f64, N>,
+    /// Its rate, rad/s.
+    pub qdot: SVector<f64, N>,
+    /// Its acceleration, rad/s²: the mean over a time in which a torque can rise.
+    pub qddot: SVector<f64, N>,
+    /// Speed of the path's clock against the route's: 1, or 0 while the path waits.
+    pub time_rate: f64,
+}
+
 /// The plan of a task, where there is one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Guide<const N: usize> {
@@ -50,10 +65,26 @@ impl<const N: usize> Guide<N> {
             .then(|| (plan.legs(), plan.at(plan.duration_s()).q))
     }
 
+    /// The planned motion there, where the clock runs at `rate` and changes at `rate_dot`, 1/s.
+    #[must_use]
+    pub fn motion(&self, leg: usize, route_s: f64, rate: f64, rate_dot: f64) -> Option<Planned<N>> {
+        let plan = self.plan.as_ref()?;
+        let now = self.at(leg, route_s)?;
+        let rise_s = RISE_S * rate.max(SLOWEST);
+        let (before, after) = (plan.at(route_s - rise_s), plan.at(route_s + rise_s));
+        let bend = (after.dq - before.dq) / (2.0 * rise_s);
+        Some(Planned {
+            q: now.q,
+            qdot: now.dq * rate,
+            qddot: bend * (rate * rate) + now.dq * rate_dot,
+            time_rate: now.time_rate,
+        })
+    }
+
     /// Fastest clock to begin with, 1 without a plan.
     #[must_use]
     pub fn first_speed(&self) -> f64 {
-        self.speed(self.at(0, 0.0).as_ref(), 0.0, 1.0)
+        self.speed(self.at(0, 0.0).is_some(), 0.0, 1.0)
     }
 
     /// Whether the leg of this index is one whose goal is beyond reach, or comes after it.
@@ -64,13 +95,7 @@ impl<const N: usize> Guide<N> {
 
     /// The target of an auxiliary coordinate: its gradient times the way to the planned posture.
     #[must_use]
-    pub fn target(
-        &self,
-        s: &Singularity<N>,
-        planned: &Sample<N>,
-        q: &SVector<f64, N>,
-        clock: f64,
-    ) -> Target {
+    pub fn target(&self, s: &Singularity<N>, planned: &Planned<N>, q: &SVector<f64, N>) -> Target {
         let mode = if planned.time_rate == 0.0 {
             Mode::Reorient
         } else {
@@ -78,21 +103,12 @@ impl<const N: usize> Guide<N> {
         };
         Target {
             error: s.aux_row.dot(&(planned.q - q)),
-            rate: s.aux_row.dot(&planned.dq) * clock,
+            rate: s.aux_row.dot(&planned.qdot),
+            change: Some(s.aux_row.dot(&planned.qddot) + s.aux_bias),
             weight: 1.0,
             mode,
             clipped: false,
         }
-    }
-
-    /// The planned joint acceleration per unit of the route's clock, rad/s²: the mean over a time in which a torque can rise.
-    #[must_use]
-    pub fn acceleration(&self, route_s: f64) -> SVector<f64, N> {
-        let Some(plan) = &self.plan else {
-            return SVector::zeros();
-        };
-        let (before, after) = (plan.at(route_s - RISE_S), plan.at(route_s + RISE_S));
-        (after.dq - before.dq) / (2.0 * RISE_S)
     }
 
     /// Demand on the clock by a coordinate that is not where it is planned.
@@ -105,11 +121,9 @@ impl<const N: usize> Guide<N> {
     /// Fastest clock that the plan allows from now until the clock's lag has passed.
     #[must_use]
     #[inline]
-    pub fn speed(&self, planned: Option<&Sample<N>>, route_s: f64, clock: f64) -> f64 {
-        match (&self.plan, planned) {
-            (Some(plan), Some(_)) => plan.speed(route_s, route_s + clock * LAG_S),
-            _ => 1.0,
-        }
+    pub fn speed(&self, is_planned: bool, route_s: f64, clock: f64) -> f64 {
+        let plan = self.plan.as_ref().filter(|_| is_planned);
+        plan.map_or(1.0, |plan| plan.speed(route_s, route_s + clock * LAG_S))
     }
 
     /// Path time that passes while the route's clock goes on by `step_s`, s.

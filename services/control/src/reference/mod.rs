@@ -61,7 +61,8 @@ pub(crate) fn motion<const N: usize>(
     let clock = state.clock.rate;
     let leg = path.leg(state.progress.leg).copied();
     let reorients = leg.is_some_and(|leg| leg.reorient.is_some());
-    let planned = guide.at(state.progress.leg, state.clock.plan_s);
+    let (route_s, rate_dot) = (state.clock.plan_s, state.clock.rate_dot);
+    let planned = guide.motion(state.progress.leg, route_s, clock, rate_dot);
     let planned = planned.filter(|_| !reorients);
     // The path waits while the plan turns ζ.
     let time_rate = planned.map_or(1.0, |plan| plan.time_rate);
@@ -72,7 +73,7 @@ pub(crate) fn motion<const N: usize>(
         None => motion,
     };
     let place = path.place(&state.progress);
-    let on_path = place.moving(clock * time_rate, state.clock.rate_dot * time_rate);
+    let on_path = place.moving(clock * time_rate, rate_dot * time_rate);
     let mut desired_E = served(PoseMotion {
         a: on_path.a + state.targets.a * clock,
         ..on_path
