@@ -139,16 +139,17 @@ class Plant(Process):
 
 
 class Controller(Process):
-    """Computes the torque. The graph gives it `reads = ["estimate", "singularity"]`, `writes = ["control_state", "torque"]`."""
+    """Computes the torque. The graph gives it `reads = ["estimate", "singularity"]` or the first alone, and `writes = ["control_state", "torque"]`."""
 
     def control(self, tick, estimate, singularity, state, torque):
         """Fills in `torque` (`wire.TorqueCommand`) and `state` (`wire.ControlState`). From `state`, the judge takes only `path_time_s`, the time reached on the
-        scenario's path. It may pause, but must not jump or go back, and must reach the end before the phase is `PHASE_DONE`."""
+        scenario's path. It may pause, but must not jump or go back, and must reach the end before the phase is `PHASE_DONE`. `singularity` is `None` where the
+        graph does not read it."""
         raise NotImplementedError
 
     def tick(self, tick):
         topics = self.topics
-        self.control(tick, topics["estimate"], topics["singularity"], topics["control_state"], topics["torque"])
+        self.control(tick, topics["estimate"], topics.get("singularity"), topics["control_state"], topics["torque"])
 
 
 class Operator(Process):

@@ -287,3 +287,14 @@ def test_mujoco_is_the_plant_and_gives_the_same_bytes_twice():
         with pytest.raises(RuntimeError, match=words):
             armplane.run("line.toml", plant=f"mujoco:{scene}.xml", out="e")
         assert not Path("e").exists()
+
+
+def test_a_controller_needs_no_topic_but_the_estimate():
+    class Mine(armplane.Controller):
+        def control(self, tick, estimate, singularity, state, torque):
+            self.given = estimate, singularity, state, torque
+
+    one = object.__new__(Mine)
+    one.topics = {"estimate": 1, "control_state": 2, "torque": 3}
+    one.tick(0)
+    assert one.given == (1, None, 2, 3)
