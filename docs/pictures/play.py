@@ -23,7 +23,7 @@ import test_play
 
 WINDOW, WIDTH = {"width": 1180, "height": 740}, 780
 # Pixels from the ball's place: out to the right, on a little lower, and home; and how many pictures each way has.
-CORNERS, COUNTS = [(0, 0), (190, -60), (230, 40), (0, 0)], (16, 14, 18)
+CORNERS, COUNTS = [(0, 0), (95, -35), (110, 35), (0, 0)], (13, 10, 13)
 # From a movement of the mouse to the picture of it, s, and how long it is shown, ms.
 PAUSE_S, SHOWN_MS = 0.3, 130
 
