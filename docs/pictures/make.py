@@ -19,7 +19,7 @@ import tomllib
 import armplane
 import numpy as np
 from matplotlib import pyplot
-from PIL import Image
+from PIL import Image, ImageDraw, ImageFont
 
 from viewer import Viewer
 
@@ -28,8 +28,9 @@ DOCS = HERE.parent
 BROWSER = os.environ.get("BROWSER", "chromium")
 # The shots of the viewer.
 TAKEN = tomllib.loads((HERE / "pictures.toml").read_text())
-# On a sheet of many: size of a shot, and how many are in a row.
-CELL, COLUMNS = (452, 442), 5
+# On a sheet of many: size of a shot, how many are in a row, and each one's name.
+CELL, COLUMNS = (360, 187), 5
+FONT, INK = ImageFont.load_default(15), (230, 232, 236)
 # Frames per second, the window, width of a frame.
 RATE, WINDOW, WIDTH = 10, "1280x860", 676
 # Kinds of paths, as `armplane new --path` knows them.
@@ -62,6 +63,13 @@ def sheet(parts, columns):
     return whole
 
 
+def named(part, words):
+    """A shot for a sheet of many: small, with its scenario's name."""
+    small = part.resize(CELL, Image.Resampling.LANCZOS)
+    ImageDraw.Draw(small).text((9, 6), words.split()[1], fill=INK, font=FONT)
+    return small
+
+
 def still(program, name, scratch):
     asked, parts = TAKEN["stills"][name], []
     for k, (words, seconds) in enumerate(asked["shots"].items()):
@@ -71,7 +79,7 @@ def still(program, name, scratch):
             viewer.at(seconds)
             parts.append(cropped(viewer.picture(), TAKEN["parts"][asked["part"]]))
     if len(parts) > COLUMNS:
-        parts = [part.resize(CELL, Image.Resampling.LANCZOS) for part in parts]
+        parts = [*map(named, parts, asked["shots"])]
     packed(sheet(parts, min(len(parts), COLUMNS))).save(DOCS / f"{name}.png", optimize=True)
 
 
