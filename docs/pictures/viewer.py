@@ -132,8 +132,15 @@ class Viewer:
         self.call("wait_for", min_steps=4, timeout_secs=20)
 
     def at(self, seconds, timeline="t"):
-        self.call("set_time", time=int(seconds * 1e9), timeline=timeline)
-        self.call("wait_for", min_steps=4, timeout_secs=20)
+        asked = int(seconds * 1e9)
+        # A recording that has just been loaded may begin to play once more.
+        for _ in range(5):
+            self.call("set_time", time=asked, timeline=timeline)
+            self.call("wait_for", min_steps=4, timeout_secs=60)
+            shown = [one["current_time"]["time"] for one in json.loads(self.call("viewer_state")[1])["recordings"]]
+            if shown == [asked] * len(shown):
+                return
+        raise RuntimeError(f"the viewer shows {shown} ns instead of {asked}")
 
     def picture(self):
         """What the window shows, as PNG."""
