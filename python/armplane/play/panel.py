@@ -69,7 +69,7 @@ def reason(robot, seen, ball):
         text = f"out of reach: {end}"
         details.append(f"{100 * _gap(seen, ball):.0f} cm short of the ball")
     elif is_slowed and servo.speed_scale < 0.97 and max(map(abs, servo.V_target)) > 0.005:
-        details.append(f"{100 * servo.speed_scale:.0f} % of the speed asked for")
+        details.append(f"{100 * servo.speed_scale:.0f}\u00a0% of the speed asked for")
     if plant.drive:
         details.append(f"the drives: {wire.DRIVES.get(plant.drive)}")
     return text, "; ".join(details)
