@@ -380,6 +380,30 @@ def test_a_full_disk_is_told_in_a_sentence_and_keeps_no_half_run(tmp_path, monke
     assert not kept.exists() and "No space left on device. Start" in told[0]
 
 
+SLIDES = """<robot name="slides"><link name="base"/>
+<link name="a"><inertial><mass value="2"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="b"><inertial><mass value="1"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial></link><link name="tip"/>
+<joint name="rail" type="prismatic"><parent link="base"/><child link="a"/><axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="99" velocity="1"/></joint>
+<joint name="turn" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="99" velocity="4"/></joint>
+<joint name="end" type="fixed"><parent link="b"/><child link="tip"/><origin xyz="0.4 0 0"/></joint></robot>"""
+
+
+@needs_viser
+def test_a_new_run_begins_where_the_arm_stands_also_on_a_rail(tmp_path, monkeypatch):
+    from armplane.play.session import standing
+    from armplane.results import _program
+
+    monkeypatch.chdir(tmp_path)
+    Path("slides.urdf").write_text(SLIDES)
+    Path("slides.toml").write_text('default_frame = "tip"\nlength_m = 0.4\ntask = ["x", "y"]\n')
+    (tmp_path / "room").mkdir()
+    file = standing(tmp_path / "room", "slides.urdf", np.array([0.2, 0.05]))
+    said = subprocess.run([_program(), "servo", file, "--from=-", "--out=run"], input="twist, base, 0.2, 0.02 0 0 0 0 0\nend\n", capture_output=True, text=True)
+    run = armplane.load(tmp_path / "run")
+    assert said.returncode == 0, said.stderr
+    assert run.summary["joints"]["q_start"] == pytest.approx([0.2, 0.05], abs=1e-6)
+
+
 @needs_viser
 def test_strangers_are_refused_on_every_address(tmp_path):
     one = Play(tmp_path, "puma560", options="--host 0.0.0.0")

@@ -16,6 +16,7 @@ from contextlib import suppress
 
 import numpy as np
 
+from .. import Arm
 from ..arena import OPPONENTS
 from ..joined import Joined, ProcessError
 from ..results import _program
@@ -39,6 +40,14 @@ FILES = {path.stem: str(path) for path in OPPONENTS}
 LONGEST_S = 600
 
 
+def standing(folder, arm, q):
+    """The file of a steered scenario in which an arm, a built-in one or that of a file, stands at `q`, rad and m. `--start` has no metres."""
+    robot = arm if arm in Arm.names() else os.path.abspath(arm)
+    file = folder / "start.toml"
+    file.write_text(f'name = "play"\nrobot = {json.dumps(robot)}\n[start]\nq = {[float(x) for x in q]}\n[servo]\ninput = "-"\n')
+    return file
+
+
 class Session:
     """One process graph. Its processes hold the file `keeper` open: while one of them lives,
     nobody removes what they use."""
@@ -55,9 +64,9 @@ class Session:
         else:
             graph.write_text(GRAPH)
             settings += [f"control.strategy={law}"] if law else []
-        begin = [] if start is None else ["--start=" + ",".join(f"{x:.9g}" for x in np.degrees(start))]
+        subject = subject if start is None else standing(self.folder, subject, start)
         command = [_program(), "servo", subject, "--from=-", f"--graph={graph}", f"--out={self.folder / 'run'}", f"--duration={LONGEST_S}"]
-        command += begin + [f"--set={one}" for one in settings]
+        command += [f"--set={one}" for one in settings]
         # In a session of its own: Ctrl-C in the terminal is for the page. If the page is killed, the targets end, and so does the run.
         self.process = subprocess.Popen(
             command, text=True, stdin=subprocess.PIPE, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, start_new_session=True, pass_fds=[keeper]
