@@ -13,8 +13,10 @@ from PIL import Image
 
 from viewer import Viewer
 
-# The ground that layouts give views of the arm, and the pane's inside at 1280 x 720: left, top, right, bottom.
-GROUND, PANE = (24, 28, 36), (10, 60, 300, 200)
+# The ground of a view in the dark theme has a hue, and is darker than any lane: the least spread of its colours, and the brightest of them.
+SPREAD, BRIGHTEST = 15, 50
+# The pane's inside at 1280 x 720: left, top, right, bottom.
+PANE = (10, 60, 300, 200)
 
 
 def main():
@@ -24,8 +26,8 @@ def main():
     picture.save(path)
     pane = picture.crop(PANE)
     pixels = [pane.getpixel((x, y)) for x in range(0, pane.width, 3) for y in range(0, pane.height, 3)]
-    near = sum(all(abs(a - b) <= 6 for a, b in zip(pixel, GROUND)) for pixel in pixels)
-    print(f"{near / len(pixels):.3f}")
+    ground = sum(max(pixel) < BRIGHTEST and max(pixel) - min(pixel) > SPREAD for pixel in pixels)
+    print(f"{ground / len(pixels):.3f}")
 
 
 if __name__ == "__main__":
