@@ -297,14 +297,14 @@ impl Source {
         robot
             .complete()
             .map_err(|error| located(Complaint::new("robot", error.to_string(), "")))?;
-        let key = match &scenario.start {
-            Start { q: Some(_), .. } => "start.q",
-            Start { q_deg: Some(_), .. } => "start.q_deg",
-            _ => "start.posture",
+        let (key, remedy) = match &scenario.start {
+            Start { q: Some(_), .. } => ("start.q", "q is in rad and m, q_deg in degrees"),
+            Start { q_deg: Some(_), .. } => ("start.q_deg", ""),
+            _ => ("start.posture", ""),
         };
         robot
             .start_posture(&scenario.start)
-            .map_err(|error| located(Complaint::new(key, error.to_string(), "")))?;
+            .map_err(|error| located(Complaint::new(key, error.to_string(), remedy)))?;
         Ok(())
     }
 

@@ -93,7 +93,7 @@ pub(crate) fn check(scenario: &Scenario, robot: &Robot) -> Result<(), Complaint>
             return Err(Complaint::new(
                 path.trim_end_matches(".rows_m"),
                 format!(
-                    "{:.1} m is too far for an arm that is {arm:.2} m long",
+                    "{:.1} m is too far for an arm of {arm:.2} m without its hand",
                     norm(&row)
                 ),
                 format!("lengths are in metres: did you mean {}?", meant.join(", ")),
