@@ -115,14 +115,15 @@ impl History {
         }
     }
 
-    /// Takes a tick in.
+    /// Takes a tick in. While the drives hold or brake the arm, no response acts.
     pub(crate) fn push(&mut self, row: &TickRow) {
+        let is_driven = row.sensor.is_none_or(|sensor| sensor.drive == DRIVE_ACTIVE);
         for (singularity, one) in row.singularities().iter().enumerate() {
             let (first, mode) = (row.tick, mode(row, singularity));
             let is_its = |stretch: &&mut Stretch| stretch.singularity == singularity;
             let last = self.stretches.iter_mut().rev().find(is_its);
             match last.filter(|last| last.mode == mode && last.end + PATIENCE >= first) {
-                _ if one.inside == 0 || mode == MODE_REGULAR => (),
+                _ if one.inside == 0 || mode == MODE_REGULAR || !is_driven => (),
                 Some(last) => last.end = first + 1,
                 None => self.stretches.push(Stretch {
                     singularity,
@@ -387,18 +388,26 @@ mod tests {
     };
     use shared_types::topics::ByTopic;
 
-    /// Each response is told with its own times, and how far a hand was off that should stand still.
+    /// Each response is told with its own times, but for those of the drives, and how far a hand was off that should stand still.
     #[test]
     fn the_past_is_known() {
         let (mut report, mut command) = <(SingularityReport, ControlState)>::default();
         let (mut state, mut history) = (PlantState::default(), History::new(true));
+        let mut sensor = SensorSample::default();
         report.count = 1;
         for tick in 0..30 {
             let is_inside = (10..25).contains(&tick);
             report.singularities[0].inside = u32::from(is_inside);
             command.mode[0] = if tick < 22 { MODE_REORIENT } else { MODE_TRACK };
             state.p_BE[1] = if tick == 7 { 0.008_462 } else { 0.001 };
+            let is_braked = (14..21).contains(&tick);
+            sensor.drive = if is_braked {
+                DRIVE_STOPPING
+            } else {
+                DRIVE_ACTIVE
+            };
             let messages = ByTopic {
+                sensor: Some(&sensor),
                 plant_state: Some(&state),
                 singularity: Some(&report),
                 control_state: Some(&command),
@@ -413,7 +422,11 @@ mod tests {
             end,
             mode,
         };
-        let expected = [stretch(10, 22, MODE_REORIENT), stretch(22, 25, MODE_TRACK)];
+        let expected = [
+            stretch(10, 14, MODE_REORIENT),
+            stretch(21, 22, MODE_REORIENT),
+            stretch(22, 25, MODE_TRACK),
+        ];
         assert_eq!(history.stretches, expected);
     }
 
