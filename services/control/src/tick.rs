@@ -131,7 +131,7 @@ impl<const N: usize> Controller<N> {
         if self.state.refusal != Refusal::None
             && !(is_steered && targets::goes_on(self.state.refusal))
         {
-            return self.refuse(q, qdot, self.state.refusal);
+            return self.brake(q, qdot, tau_disturbance, self.state.refusal);
         }
         let is_felt = wrist_n.is_none_or(|force| force.iter().all(|x| x.is_finite()));
         if ![q, qdot, tau_disturbance].into_iter().all(is_finite) || !is_felt {
@@ -166,13 +166,26 @@ impl<const N: usize> Controller<N> {
         qdot: &SVector<f64, N>,
         why: Refusal,
     ) -> Command<N> {
+        self.brake(q, qdot, &SVector::zeros(), why)
+    }
+
+    /// As [`refuse`](Self::refuse), on an arm that also carries what the model does not explain.
+    fn brake(
+        &mut self,
+        q: &SVector<f64, N>,
+        qdot: &SVector<f64, N>,
+        tau_disturbance: &SVector<f64, N>,
+        why: Refusal,
+    ) -> Command<N> {
         self.state.refusal = why;
-        if is_finite(q) && is_finite(qdot) {
-            let terms = self.setup.model.evaluate(q, qdot);
-            rest(&self.setup, &mut self.state, Some((&terms, qdot)))
-        } else {
-            rest(&self.setup, &mut self.state, None)
-        }
+        let known = is_finite(q) && is_finite(qdot);
+        let terms = known.then(|| self.setup.model.evaluate(q, qdot));
+        let moving = terms.as_ref().map(|terms| Moving {
+            terms,
+            qdot,
+            tau_disturbance,
+        });
+        rest(&self.setup, &mut self.state, moving)
     }
 
     /// Sets an estimate aside: brings the arm to rest from where it plausibly is, its path's clock with it; after too long it refuses to go on.
@@ -189,8 +202,12 @@ impl<const N: usize> Controller<N> {
             self.state.clock.slow_down(damping, dt);
         }
         let Plausible { q, qdot, .. } = self.state.plausible;
-        let terms = self.setup.model.evaluate(&q, &qdot);
-        let rest = rest(&self.setup, &mut self.state, Some((&terms, &qdot)));
+        let moving = Moving {
+            terms: &self.setup.model.evaluate(&q, &qdot),
+            qdot: &qdot,
+            tau_disturbance: &SVector::zeros(),
+        };
+        let rest = rest(&self.setup, &mut self.state, Some(moving));
         let goes_on = self.targets.is_some() && targets::goes_on(self.state.refusal);
         if self.state.refusal != Refusal::None && !goes_on {
             return rest;
@@ -236,8 +253,13 @@ pub(crate) fn act<const N: usize>(
         report,
         ..
     } = *inputs;
+    let moving = Moving {
+        terms,
+        qdot,
+        tau_disturbance,
+    };
     if state.refusal != Refusal::None {
-        return rest(setup, state, Some((terms, qdot)));
+        return rest(setup, state, Some(moving));
     }
     let now = Now {
         q,
@@ -261,15 +283,23 @@ pub(crate) fn act<const N: usize>(
         Err(refusal) => refusal,
     };
     state.refusal = refusal;
-    rest(setup, state, Some((terms, qdot)))
+    rest(setup, state, Some(moving))
 }
 
-/// The arm brought to rest, within the limits and the torque rates: gravity and Coriolis held, each joint's speed damped through the whole mass
-/// matrix, so that no joint is thrown by the braking of another; zero torque where the state is not known.
+/// What an arm that is brought to rest moves with, and the torque on it that the model does not explain, N·m.
+#[derive(Clone, Copy)]
+struct Moving<'a, const N: usize> {
+    terms: &'a Terms<N>,
+    qdot: &'a SVector<f64, N>,
+    tau_disturbance: &'a SVector<f64, N>,
+}
+
+/// The arm brought to rest, within the limits and the torque rates: gravity, Coriolis and an unknown load held, each joint's speed damped through the
+/// whole mass matrix, so that no joint is thrown by the braking of another; zero torque where the state is not known.
 fn rest<const N: usize>(
     setup: &Setup<N>,
     state: &mut State<N>,
-    known: Option<(&Terms<N>, &SVector<f64, N>)>,
+    moving: Option<Moving<'_, N>>,
 ) -> Command<N> {
     // Before a limit an arm has the shortest way to stop in.
     let damping = setup.scenario.control.k_v
@@ -279,8 +309,18 @@ fn rest<const N: usize>(
             0.5
         };
     let zero = SVector::zeros();
-    let (bias, rest) = known
-        .map(|(terms, qdot)| (terms.bias(), terms.A * qdot * -damping))
+    // An estimate that is not to be trusted knows no load.
+    let is_loaded = setup.scenario.control.compensate_disturbance
+        && !matches!(state.refusal, Refusal::State | Refusal::Estimate);
+    let (bias, rest) = moving
+        .map(|moving| {
+            let (terms, load) = (moving.terms, moving.tau_disturbance);
+            let bias = match is_loaded {
+                true => setup.drives.compensating(terms.bias(), load, &terms.J),
+                false => terms.bias(),
+            };
+            (bias, terms.A * moving.qdot * -damping)
+        })
         .filter(|(bias, rest)| is_finite(bias) && is_finite(rest))
         .unwrap_or((zero, zero));
     let parts = Parts {

@@ -4,7 +4,7 @@ use crate::testing::{puma, rk4, robot, scenario};
 use crate::types::{Command, Phase, Refusal, Report};
 use crate::{Analyzer, Controller, Inputs, start_posture};
 use model::{Model, Robot, Terms};
-use nalgebra::SVector;
+use nalgebra::{SVector, Vector3};
 use shared_types::scenario::Scenario;
 use shared_types::{AnalyzerCheckpoint, ControllerCheckpoint};
 
@@ -177,4 +177,33 @@ fn a_refusal_states_the_pose_at_which_the_path_stopped() {
     assert!(refused.phase == Phase::Refused && (last.X_BE_d.p - X.p).norm() > 1e-3);
     let by = (refused.X_BE_d.p - last.X_BE_d.p).norm();
     assert!(by < 1e-3, "{by}");
+}
+
+/// What the model does not explain pulls on an arm that was refused, too: it is carried, but not by an estimate that is not to be trusted.
+#[test]
+fn a_refused_arm_carries_an_unknown_load() {
+    let (_, mut controller, mut analyzer, q) = figure_5();
+    let (qdot, terms) = (SVector::zeros(), puma().evaluate(&q, &SVector::zeros()));
+    let report = analyzer.step(&q, &qdot, &terms);
+    let load = terms
+        .J
+        .fixed_rows::<3>(0)
+        .tr_mul(&Vector3::new(0.0, 0.0, -20.0));
+    for (why, carried) in [(Refusal::Limit, 1.0), (Refusal::Estimate, 0.0)] {
+        controller.refuse(&q, &qdot, why);
+        let ticks = (0..500).map(|tick| {
+            controller.step(&Inputs {
+                tick,
+                q: &q,
+                qdot: &qdot,
+                tau_disturbance: &load,
+                wrist_n: None,
+                report: &report,
+                terms: None,
+                target: None,
+            })
+        });
+        let off = ticks.last().unwrap().tau - terms.bias() + load * carried;
+        assert!(load.amax() > 5.0 && off.amax() < 1e-9, "{why:?}: {off}");
+    }
 }
