@@ -52,13 +52,11 @@ def find(path):
     path = pathlib.Path(path)
     if not path.exists():
         raise LogError(f"{path} does not exist: give a log file, or a folder of logs")
-    if not path.is_dir():
-        return [(path, None)]
     if (path / "messages.mcap").is_file():
         return [(path / "messages.mcap", None)]
     if (path / _LEROBOT).is_file():
         return [(path, episode) for episode in range(min(max(_info(path)["total_episodes"], 1), 10_000))]
-    if (path / "metadata.yaml").is_file() or len({re.sub(r"_\d+$", "", bag.stem) for bag in _bags(path)}) == 1:
+    if not path.is_dir() or (path / "metadata.yaml").is_file() or len({re.sub(r"_\d+$", "", bag.stem) for bag in _bags(path)}) == 1:
         return [(path, None)]
     inside = [one for one in sorted(path.iterdir()) if one.suffix.lower() in KINDS or _bags(one) or (one / _LEROBOT).is_file()]
     if not inside:

@@ -52,10 +52,11 @@ def turned(R, V):
 class Motion:
     """The log on the clock of its positions, finite everywhere. Rows: `t`, `q`, `v` (measured), `qc`, `vc` (commanded) and `tau`, `None` where not logged;
     Of the thinned `rows`, kinematics: `V`: the hand's twist, `asked`: the one asked for, by the twist, pose or joint command (`asked_by`); `W` and `S`: the same
-    with metres as radians; `sigma`, `u`, `null`: the last singular triple; `t_k`, `v_k`: time and joint velocities, every `period` s."""
+    with metres as radians; `sigma`, `u`, `null`: the last singular triple; `t_k`, `v_k`: time and joint velocities, every `period` s. `order`: in which the
+    log's joints would be the robot's, `None` where they are."""
 
-    def __init__(self, log, robot, final=False):
-        self.log, self.robot, self.notes, self.fits, self._final = log, robot, [], True, final
+    def __init__(self, log, robot):
+        self.log, self.robot, self.notes, self.fits, self.order = log, robot, [], True, None
         self.t, self.q = log["q"].t, filled(log["q"].x)
         steps = np.diff(self.t)
         self.dt = np.median(steps[steps > 0]) if (steps > 0).any() else 1e-3
@@ -175,19 +176,12 @@ class Motion:
             self.notes.append(f"The hand of {self.robot.name} would not have moved as the log asks (agreement {quality:.2f} of 1): another robot, frame or order of joints?")
 
     def _adopt(self, order, why):
-        if self._final:
-            self.fits = False
-            self.notes.append("No one order of the joints suits the whole log.")
-            return
-        for stream in {id(one): one for role in ("q", "qdot", "tau", "q_cmd", "qdot_cmd") if (one := self.log[role]) is not None}.values():
-            stream.x = stream.x[:, list(order)]
+        self.order = list(order)
         self.notes.append(f"The joints are in another order than in the robot's file, {', '.join(str(k + 1) for k in order)}: {why}.")
-        raise Reordered
-
     def _pose_fits(self):
         """Compares logged positions of the hand with the arm's: any tool and any place of the base is allowed for, a turned base too."""
         pose = self._held("pose")
-        if pose is None or len(self.rows) < 20:
+        if pose is None or len(self.rows) < 20 or self.order:
             return
         rows = self.rows[np.linspace(0, len(self.rows) - 1, 60).astype(int)]
         q, p = self.q[rows], pose[rows, :3, 3]
@@ -198,6 +192,7 @@ class Motion:
         best, order = min(((self._misfit(q[:, order], p, turns=1), order) for order in orders), default=(off, None))
         if best < min(0.02 * span + 0.002, 0.2 * off):
             self._adopt(order, "the hand is then where the log has it")
+            return
         self.fits = False
         self.notes.append(f"The log's hand is {off * 1000:.0f} mm from where {self.robot.name} has it, for any tool: another robot, units or order of joints?")
 
@@ -213,13 +208,14 @@ class Motion:
         return best
 
 
-class Reordered(Exception):
-    """The log's joints were put into the robot's order; the motion is to be computed again."""
-
-
 def motion_of(log, robot):
     """The `Motion` of a log, with its joints in the robot's order."""
-    try:
-        return Motion(log, robot)
-    except Reordered:
-        return Motion(log, robot, final=True)
+    first = Motion(log, robot)
+    if first.order is None:
+        return first
+    for stream in {id(one): one for role in ("q", "qdot", "tau", "q_cmd", "qdot_cmd") if (one := log[role]) is not None}.values():
+        stream.x = stream.x[:, first.order]
+    m = Motion(log, robot)
+    m.fits &= m.order is None
+    m.notes.append("No one order of the joints suits the whole log." if m.order else first.notes[-1])
+    return m
