@@ -226,25 +226,3 @@ fn of(goal: Option<f64>) -> String {
 pub(crate) fn nearness(one: &SingularityState) -> f64 {
     one.s.abs() / one.eta_in.max(1e-12)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn zeta_is_a_line_and_turns_by_the_sum_of_its_steps() {
-        // Once the same line, the other way round.
-        let angle = |k: i16| 3.0 * f32::from(k) + if k == 10 { 180.0 } else { 0.0 };
-        let mut sweep = Sweep::default();
-        for k in 0..=30 {
-            sweep.turn(Mat3::from_rotation_z(angle(k).to_radians()).x_axis);
-        }
-        assert!(
-            (sweep.turned_deg - 90.0).abs() < 0.5,
-            "{}",
-            sweep.turned_deg
-        );
-        let steps = sweep.directions.windows(2);
-        assert!(steps.into_iter().all(|pair| pair[0].dot(pair[1]) > 0.98));
-    }
-}

@@ -41,15 +41,3 @@ pub(crate) fn hex(colour: Rgba) -> String {
 pub(crate) fn opacity(colour: Rgba) -> f32 {
     (colour & 0xff) as f32 / 255.0
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn bright_colours_are_darkened_for_paper() {
-        let [r, g, b, _] = on_paper(0xfad63cff).to_be_bytes();
-        assert!(r > g && g > b && g < 160, "still yellow: {r} {g} {b}");
-        assert_eq!(on_paper(0x283c78ff), 0x283c78ff);
-    }
-}
