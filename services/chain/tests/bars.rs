@@ -2,7 +2,7 @@
 //! `cargo test --release -p chain --test bars -- --nocapture` prints the table.
 
 use model::Robot;
-use recorder::{Judge, Tick, Verdict};
+use recorder::{Judge, Verdict};
 use shared_types::scenario::Scenario;
 
 /// Noise of the torques as a share of their limits, each beside its own mean over 21 ticks: root mean square over any half second, of the worst joint.
@@ -27,7 +27,7 @@ fn judged(robot: &Robot, scenario: &Scenario) -> (Verdict, f64) {
     let (mut judge, mut torques) = (Judge::new(robot, scenario).unwrap(), Vec::new());
     let share = |(torque, joint): (&f64, &model::Joint)| torque / joint.effort;
     chain::run(robot, scenario, |tick| {
-        judge.tick(Tick::of(&tick.lent()).expect("a chain answers every tick"));
+        judge.take(&tick.lent());
         torques.push(
             tick.torque
                 .tau

@@ -83,12 +83,7 @@ impl<'a> Trial<'a> {
         let verdict = if chain::plans_faults_of_processes(scenario) {
             let mut judge = Judge::new(robot, scenario)?;
             let ended = self.assemble(&mut hashes, |row| {
-                let messages = row.messages().lent();
-                match (recorder::Tick::of(&messages), messages.sensor) {
-                    (Some(tick), _) => drop(judge.tick(tick)),
-                    (None, Some(sensor)) => judge.torn(sensor),
-                    (None, None) => {}
-                }
+                judge.take(&row.messages().lent());
             })?;
             let mut verdict = judge.verdict();
             if let Some(sentence) = ended {
@@ -191,8 +186,7 @@ impl<'a> Trial<'a> {
     pub fn watch(&self, mut each: impl FnMut(&Tick, TaskError)) -> Result<Verdict, Refused> {
         let mut judge = Judge::new(self.robot, &self.scenario)?;
         chain::run(self.robot, &self.scenario, |tick| {
-            let error = recorder::Tick::of(&tick.lent()).map(|messages| judge.tick(messages));
-            each(tick, error.unwrap_or(TaskError::UNKNOWN));
+            each(tick, judge.take(&tick.lent()));
         })?;
         Ok(judge.verdict())
     }

@@ -65,12 +65,7 @@ impl<'a> Book<'a> {
 
     fn judge(&mut self, row: &Row) {
         self.rows += 1;
-        let messages = row.messages().lent();
-        if let Some(tick) = Tick::of(&messages) {
-            self.judge.tick(tick);
-        } else if let Some(sensor) = messages.sensor {
-            self.judge.torn(sensor);
-        }
+        self.judge.take(&row.messages().lent());
         for (tick, text) in self.judge.events() {
             let event = Event {
                 tick,

@@ -19,12 +19,12 @@ mod turns;
 
 use control::{GroundTruth, free_axis, ground_truth};
 use model::{Refused, Robot};
-use shared_types::SensorSample;
 use shared_types::bounds::{larger, within};
 use shared_types::codes;
 use shared_types::graph::Graph;
 use shared_types::scenario::{Goal, Scenario};
 use shared_types::summary::{BOUNDARY, MISSED, Pace, REACHED, Summary, TaskSummary};
+use shared_types::topics::{ByTopic, Lent};
 
 pub use bars::Bounds;
 use chatter::Clock;
@@ -41,7 +41,7 @@ use turns::TurnMeter;
 pub use joints::Limits;
 pub use task::TaskError;
 use task::against_reference;
-pub use tick::Tick;
+pub(crate) use tick::Tick;
 
 /// Most events that wait to be fetched.
 const MOST_EVENTS: usize = 64;
@@ -158,8 +158,19 @@ impl Judge {
         }
     }
 
-    /// Takes in one whole tick; the error of its true pose.
-    pub fn tick(&mut self, tick: Tick<'_>) -> TaskError {
+    /// Takes in the messages of a tick; the error of its true pose. Of a tick that not every process answered only the duration can be judged.
+    pub fn take(&mut self, messages: &ByTopic<Lent<'_>>) -> TaskError {
+        if let Some(whole) = Tick::of(messages) {
+            return self.whole(whole);
+        }
+        if let Some(sensor) = messages.sensor {
+            self.latency.measure_chain(sensor);
+            self.ticks += 1;
+        }
+        TaskError::UNKNOWN
+    }
+
+    fn whole(&mut self, tick: Tick<'_>) -> TaskError {
         let (events, k) = (&mut self.events, tick.truth.header.tick);
         let mut event = |text: String| {
             if events.len() < MOST_EVENTS {
@@ -216,12 +227,6 @@ impl Judge {
         }
         self.ticks += 1;
         error
-    }
-
-    /// Takes in a tick that not every process answered: only its duration can be judged.
-    pub fn torn(&mut self, sensor: &SensorSample) {
-        self.latency.measure_chain(sensor);
-        self.ticks += 1;
     }
 
     /// Limits reached and holds begun since the last call, each with its tick, for the log.

@@ -34,7 +34,7 @@ pub use cut::Cut;
 pub use error::RecordError;
 pub use event::{Event, Level, Source};
 pub use hash::TopicHash;
-pub use judge::{Bounds, Judge, Limits, TaskError, Tick, Verdict};
+pub use judge::{Bounds, Judge, Limits, TaskError, Verdict};
 pub use reader::{Item, RecordReader};
 pub use ticks::{Account, Assembler, Row, Ticks};
 pub use writer::RecordWriter;

@@ -210,9 +210,7 @@ fn advice(robot: &Robot, scenario: &Scenario) -> String {
             return false;
         };
         let ran = chain::run(robot, &changed, |tick| {
-            if let Some(tick) = recorder::Tick::of(&tick.lent()) {
-                judge.tick(tick);
-            }
+            judge.take(&tick.lent());
         });
         ran.is_ok() && judge.verdict().outcome == REACHED
     };

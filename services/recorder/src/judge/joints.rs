@@ -1,6 +1,7 @@
 //! Loads of the joints, and the limits that they reach.
 
 use control::GroundTruth;
+use hdrhistogram::Histogram;
 use model::{JointKind, Robot};
 use shared_types::SingularityState;
 use shared_types::bounds::{larger, share, within};
@@ -10,7 +11,7 @@ use shared_types::codes::{
 use shared_types::summary::{JointSummary, LimitSummary};
 
 use super::chatter::{ChatterMeter, Clock};
-use super::histogram::Histogram;
+use super::histogram::histogram;
 use super::tick::Tick;
 
 /// Torque steps are kept in millionths of the limit: a ratio of 1 is 1 000 000.
@@ -80,7 +81,7 @@ impl Limits {
 pub(super) struct JointMeter {
     limits: Limits,
     summary: JointSummary,
-    torque_steps: Histogram,
+    torque_steps: Histogram<u32>,
     last_tau: Option<Vec<f64>>,
     chatter: ChatterMeter,
     /// Posture of the arm when the controller refused to continue.
@@ -92,7 +93,7 @@ impl JointMeter {
         Self {
             limits,
             summary: JointSummary::default(),
-            torque_steps: Histogram::default(),
+            torque_steps: histogram(),
             last_tau: None,
             chatter: ChatterMeter::default(),
             refused: None,
@@ -198,7 +199,6 @@ impl JointMeter {
             });
             joints.torque_step_max_ratio = larger(joints.torque_step_max_ratio, step);
             self.torque_steps
-                .0
                 .saturating_record((step.min(STEP_MOST) * STEP_UNIT) as u64 + 1);
         } else {
             joints.q_start = tick.truth.q[..n].to_vec();
@@ -335,7 +335,7 @@ impl JointMeter {
         let has_limit = |limits: &[f64]| limits.iter().any(|limit| !limit.is_infinite());
         self.summary.has_speed_limit = has_limit(&self.limits.velocity);
         self.summary.has_torque_limit = has_limit(&self.limits.effort);
-        let Histogram(steps) = self.torque_steps;
+        let steps = self.torque_steps;
         if !steps.is_empty() {
             let ratio = |quantile| steps.value_at_quantile(quantile) as f64 / STEP_UNIT;
             (

@@ -2,11 +2,12 @@
 
 use std::collections::BTreeMap;
 
+use hdrhistogram::Histogram;
 use shared_types::graph::{BUILT_IN, Graph};
 use shared_types::summary::Latency;
 use shared_types::{SensorSample, TorqueCommand};
 
-use super::histogram::Histogram;
+use super::histogram::histogram;
 
 /// A span of time that is measured each tick.
 #[derive(Clone, Copy)]
@@ -75,7 +76,7 @@ impl Chain {
 pub(super) struct LatencyMeter {
     chain: Chain,
     /// One for each measured span.
-    latencies: Vec<Histogram>,
+    latencies: Vec<Histogram<u32>>,
     /// No latency is measured over a gap.
     last_sensor: Option<SensorSample>,
     /// Between two points of the real-time grid; 0 without one.
@@ -88,7 +89,7 @@ pub(super) struct LatencyMeter {
 
 impl LatencyMeter {
     pub(super) fn new(chain: Chain) -> Self {
-        let latencies = chain.spans().map(|_| Histogram::default()).collect();
+        let latencies = chain.spans().map(|_| histogram()).collect();
         Self {
             chain,
             latencies,
@@ -105,8 +106,8 @@ impl LatencyMeter {
         Self { period_ns, ..self }
     }
 
-    pub(super) fn of(&self, span: Span) -> &hdrhistogram::Histogram<u32> {
-        &self.latencies[self.chain.place(span)].0
+    pub(super) fn of(&self, span: Span) -> &Histogram<u32> {
+        &self.latencies[self.chain.place(span)]
     }
 
     /// Wall-clock time between the first and the last sample; s.
@@ -126,7 +127,7 @@ impl LatencyMeter {
         if from_ns != 0 && to_ns != 0 {
             let time_ns = to_ns.saturating_sub(from_ns);
             // It grows with its samples, so it can hold every time.
-            let _ = self.latencies[self.chain.place(span)].0.record(time_ns);
+            let _ = self.latencies[self.chain.place(span)].record(time_ns);
         }
     }
 
@@ -188,7 +189,7 @@ impl LatencyMeter {
     }
 }
 
-fn latency(histogram: &hdrhistogram::Histogram<u32>) -> Latency {
+fn latency(histogram: &Histogram<u32>) -> Latency {
     let us = |quantile: f64| histogram.value_at_quantile(quantile) as f64 * 1e-3;
     Latency {
         count: histogram.len(),

@@ -2,8 +2,7 @@
 //! That clock must never go back, must not run faster than the run, and must reach the path's end.
 
 use control::{Asked, GroundTruth, Progress, SIDE_CHANGE};
-use model::Pose;
-use nalgebra::{Matrix3, Vector3, Vector6};
+use nalgebra::{Vector3, Vector6};
 use shared_types::PlantState;
 use shared_types::bounds::within;
 
@@ -14,10 +13,10 @@ const TURN_MOST: f64 = 0.035;
 /// Share of the path that may pass in ticks without a whole account, such as messages that a fault has dropped.
 const MOST_UNSEEN: f64 = 0.25;
 
-/// The judge's position on the path, from which a replacement of the recorder continues.
+/// The judge's position on the path.
 #[derive(Debug, Default)]
 pub(super) struct PathMeter {
-    place: Option<Place>,
+    place: Option<Progress>,
     clock: PathClock,
     /// The rate of ticks, 1/s, and how long the arm may settle at the path's end, s.
     rate_hz: f64,
@@ -27,53 +26,11 @@ pub(super) struct PathMeter {
     posture: PostureMeter,
 }
 
-/// [`Progress`] as a checkpoint holds it.
-#[derive(Clone, Copy, Debug)]
-struct Place {
-    leg: usize,
-    time_s: f64,
-    begun: bool,
-    R: [[f64; 3]; 3],
-    p: [f64; 3],
-    by: [f64; 3],
-    turn: [f64; 3],
-}
-
-impl From<&Progress> for Place {
-    fn from(progress: &Progress) -> Self {
-        Self {
-            leg: progress.leg,
-            time_s: progress.time_s,
-            begun: progress.begun,
-            R: progress.start.R.into(),
-            p: progress.start.p.into(),
-            by: progress.by.into(),
-            turn: progress.turn.into(),
-        }
-    }
-}
-
-impl From<&Place> for Progress {
-    fn from(place: &Place) -> Self {
-        Self {
-            leg: place.leg,
-            time_s: place.time_s,
-            begun: place.begun,
-            start: Pose {
-                R: Matrix3::from(place.R),
-                p: Vector3::from(place.p),
-            },
-            by: place.by.into(),
-            turn: place.turn.into(),
-        }
-    }
-}
-
 impl PathMeter {
     /// At the path's start; in a steered run there is none. `settle_s`: how long the arm is to settle at its end.
     pub(super) fn new(truth: &dyn GroundTruth, rate_hz: f64, settle_s: f64) -> Self {
         Self {
-            place: truth.start().as_ref().map(Place::from),
+            place: truth.start(),
             rate_hz,
             settle_s,
             ..Self::default()
@@ -90,27 +47,25 @@ impl PathMeter {
     ) -> Option<Vector6<f64>> {
         let (place, tick) = (self.place.as_mut()?, state.header.tick);
         let by_s = self.clock.take(tick, path_time_s, 1.0 / self.rate_hz);
-        let mut progress = Progress::from(&*place);
-        let (before, had_begun) = (progress.leg, progress.begun);
-        truth.advance(&mut progress, by_s);
-        for leg in before..progress.leg {
+        let (before, had_begun) = (place.leg, place.begun);
+        truth.advance(place, by_s);
+        for leg in before..place.leg {
             self.posture.end(leg, truth.asked(leg));
         }
-        let asked = truth.asked(progress.leg);
-        if (progress.leg, progress.begun) != (before, had_begun) {
-            self.posture.begin(progress.leg, asked);
+        let asked = truth.asked(place.leg);
+        if (place.leg, place.begun) != (before, had_begun) {
+            self.posture.begin(place.leg, asked);
         }
         self.posture.pass(asked);
         if self.clock.time_s >= truth.duration_s() - ROUNDING_S {
             self.ended.get_or_insert(tick);
         }
-        *place = Place::from(&progress);
-        Some(truth.error(&progress, state))
+        Some(truth.error(place, state))
     }
 
     /// The place on the path of the latest tick; `None`: there is no path.
     pub(super) fn place(&self) -> Option<Progress> {
-        self.place.as_ref().map(Progress::from)
+        self.place
     }
 
     /// The true pose's error against the path's end, `[p_d − p; log(R_d Rᵀ)]`; m, rad. `None`: there is no path.
@@ -123,7 +78,7 @@ impl PathMeter {
     /// Violations of the clock's rules by the controller; `is_done`: it has reported the end of its
     /// task.
     pub(super) fn breach(&self, truth: &dyn GroundTruth, is_done: bool) -> Option<String> {
-        self.place?;
+        self.place.as_ref()?;
         let (came_s, all_s) = (self.clock.time_s, truth.duration_s());
         if let Some((tick, from_s, to_s)) = self.clock.breach {
             return Some(format!(

@@ -20,7 +20,7 @@ pub struct TaskError {
 
 impl TaskError {
     /// No error yet to judge. A NaN is within no bounds.
-    pub const UNKNOWN: Self = Self {
+    pub(crate) const UNKNOWN: Self = Self {
         position: [f64::NAN; 3],
         orientation: [f64::NAN; 3],
     };

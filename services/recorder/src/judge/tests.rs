@@ -108,7 +108,7 @@ fn judged(ticks: u64, shape: impl Fn(u64, &mut ByTopic<Whole>)) -> Summary {
             codes::PHASE_RUNNING
         };
         shape(k, &mut m);
-        judge.tick(Tick::of(&m.lent()).unwrap());
+        judge.take(&m.lent());
     }
     judge.verdict()
 }
@@ -287,7 +287,7 @@ fn on_a_grid_latencies_count_from_the_due_time_and_skipped_points_count_too() {
         let stamps = &mut m.sensor.header.stamps;
         (stamps.due_ns, stamps.sent_ns[0], stamps.received_ns[0]) =
             (due[k], sent[k] * 1000, received[k] * 1000);
-        judge.tick(Tick::of(&m.lent()).unwrap());
+        judge.take(&m.lent());
     }
     let mut chain: Vec<f64> = judge
         .latency
@@ -358,7 +358,7 @@ fn every_limit_is_in_the_summary_and_in_the_events() {
             m.plant_state.qdot[1] = 2.1;
             m.torque.tau[5] = limits().effort[5];
         }
-        judge.tick(Tick::of(&m.lent()).unwrap());
+        judge.take(&m.lent());
     }
     assert_eq!(
         judge.events().map(|(tick, _)| tick).collect::<Vec<_>>(),

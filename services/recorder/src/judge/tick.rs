@@ -3,38 +3,36 @@
 use nalgebra::Vector3;
 use shared_types::topics::{ByTopic, Lent};
 use shared_types::{
-    ControlState, PlantState, SensorSample, ServoState, SingularityReport, StateEstimate,
-    TorqueCommand, WristForce,
+    ControlState, PlantState, SensorSample, ServoState, SingularityReport, TorqueCommand,
+    WristForce,
 };
 
 /// One tick, whole: a message of each topic.
 #[derive(Clone, Copy, Debug)]
-pub struct Tick<'a> {
+pub(crate) struct Tick<'a> {
     /// From the plant.
-    pub sensor: &'a SensorSample,
+    pub(super) sensor: &'a SensorSample,
     /// From the plant.
-    pub truth: &'a PlantState,
-    /// From the estimator.
-    pub estimate: &'a StateEstimate,
+    pub(super) truth: &'a PlantState,
     /// From the analyzer.
-    pub report: &'a SingularityReport,
+    pub(super) report: &'a SingularityReport,
     /// From the controller.
-    pub control: &'a ControlState,
+    pub(super) control: &'a ControlState,
     /// From the controller.
-    pub torque: &'a TorqueCommand,
+    pub(super) torque: &'a TorqueCommand,
     /// From the controller, in a steered run.
-    pub servo: Option<&'a ServoState>,
+    pub(super) servo: Option<&'a ServoState>,
     /// From the plant, where a force is controlled by it.
-    pub wrist: Option<&'a WristForce>,
+    pub(super) wrist: Option<&'a WristForce>,
 }
 
 impl<'a> Tick<'a> {
     /// The judge's part of a tick; `None` if a message of it is missing.
-    pub fn of(messages: &ByTopic<Lent<'a>>) -> Option<Self> {
+    pub(crate) fn of(messages: &ByTopic<Lent<'a>>) -> Option<Self> {
+        messages.estimate?;
         Some(Self {
             sensor: messages.sensor?,
             truth: messages.plant_state?,
-            estimate: messages.estimate?,
             report: messages.singularity?,
             control: messages.control_state?,
             torque: messages.torque?,
