@@ -12,6 +12,7 @@
 //! * [`codes`]: named integers in messages.
 //! * [`scenario`]: robot, start, task, gains, noise, seed and goal of a run.
 //! * [`pose_table`]: a path as rows of poses with times.
+//! * [`event`]: a sentence about a tick, for the log.
 //! * [`fault`]: faults to inject, by process and tick.
 //! * [`graph`]: the processes of a run, their topics and commands; [`process`]: one process;
 //!   [`layout`]: messages declared by a graph.
@@ -25,6 +26,7 @@
 pub mod bounds;
 pub mod checkpoints;
 pub mod codes;
+pub mod event;
 pub mod fault;
 pub mod file;
 pub mod graph;

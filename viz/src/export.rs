@@ -16,7 +16,7 @@ use rerun::external::arrow::ipc::writer::StreamWriter;
 use shared_types::job::Job;
 
 use crate::facts::Facts;
-use crate::run::{Happened, Tick};
+use crate::run::{Happened, Source, Tick};
 use crate::sink::RecordError;
 use crate::story::{News, Story};
 use columns::Columns;
@@ -64,18 +64,14 @@ const MOST: usize = 10_000;
 /// Writes a run into files of a format in the folder `out`, each of which takes its place when it is whole; returns their paths.
 ///
 /// # Errors
-/// [`ExportError`] where a file cannot be written, or `progress`, called with the number of ticks, has ended it.
+/// [`ExportError`] where a file cannot be written, or the source's `progress` has ended it.
 pub fn export(
     format: ExportFormat,
     out: &Path,
-    job: &Job,
-    robot: &Robot,
-    ticks: impl Iterator<Item = Tick>,
-    happened: &Happened,
-    progress: &mut dyn FnMut(u64) -> bool,
+    source: Source,
 ) -> Result<Vec<PathBuf>, ExportError> {
-    let facts = Facts::new(job, robot, None, false)?;
-    let mut story = Story::new(job, happened);
+    let facts = Facts::new(source.job, source.robot, None, false)?;
+    let mut story = Story::new(source.job, &source.happened);
     let (mut events, mut signals) = (Vec::new(), None::<Table>);
     let tell = |tick: u64, news: News| {
         events.push(match news {
@@ -94,9 +90,11 @@ pub fn export(
             none => none.insert(Table::create(format, out, "signals", Arc::clone(schema))?),
         };
         table.write(columns)?;
-        progress(count).then_some(()).ok_or(ExportError::Stopped)
+        (source.progress)(count)
+            .then_some(())
+            .ok_or(ExportError::Stopped)
     };
-    in_batches(&facts, &mut story, ticks, tell, write)?;
+    in_batches(&facts, &mut story, source.ticks, tell, write)?;
     let events = write_events(&events, f64::from(facts.rate_hz), format, out)?;
     let signals = signals.map(|table| table.finish()).transpose()?;
     let events = events.finish()?;

@@ -34,9 +34,9 @@ mod tint;
 
 pub use digits::digits;
 pub use export::{ExportError, ExportFormat, export, signals};
-pub use recording::{Progress, save_blueprint, show_live, write_rrd};
+pub use recording::{save_blueprint, show_live, write_rrd};
 pub use report::report;
-pub use run::{Event, Happened, Level, Rival, Tick};
+pub use run::{Happened, Progress, Rival, Source, Tick};
 pub use signals::Signal;
 pub use sink::RecordError;
 

@@ -17,6 +17,7 @@ use re_sdk_types::{AnyValues, DynamicArchetype};
 use rerun::external::arrow::array::{Array, Float64Array, StringArray};
 use rerun::log::LogMsg;
 use rerun::{AsComponents, EntityPath};
+use shared_types::event::Event;
 use shared_types::job::Job;
 use shared_types::scenario::Layout;
 
@@ -26,7 +27,7 @@ use crate::eye::Room;
 use crate::facts::Facts;
 use crate::narration::{self, FAULT_COLOUR, NO_FAULT};
 use crate::picture::{Named, Scene};
-use crate::run::{Event, Happened, Tick};
+use crate::run::{Happened, Progress, Source, Tick};
 use crate::signals::{Kept, Now, Signal, TickRow};
 use crate::sink::{RecordError, RrdFile, Sink, activation};
 use crate::story::{News, Story};
@@ -50,24 +51,14 @@ const MOST_ERRORS: [f64; 2] = [1000.0, 180.0];
 /// Ticks without a command that are told.
 const PATIENCE: u64 = 5;
 
-/// Called with the number of ticks drawn; `false` ends the drawing.
-pub type Progress<'a> = &'a mut dyn FnMut(u64) -> bool;
-
 /// Draws a run into an `.rrd` file, which stands in its place when it is whole. Returns a sentence about meshes of the arm that could not be read.
 ///
 /// # Errors
-/// [`RecordError`] where the arm cannot be drawn, the file not be written, or `progress` has ended it; nothing is left then.
-pub fn write_rrd(
-    path: &Path,
-    job: &Job,
-    robot: &Robot,
-    ticks: impl Iterator<Item = Tick>,
-    happened: &Happened,
-    progress: Progress,
-) -> Result<Option<String>, RecordError> {
-    let facts = Facts::new(job, robot, happened.rival, false)?;
-    let sink = Sink::file(path, &Facts::store(job), facts.rate_hz)?;
-    Recording::new(sink, &facts, happened)?.draw_all(ticks, progress)?;
+/// [`RecordError`] where the arm cannot be drawn, the file not be written, or the source's `progress` has ended it; nothing is left then.
+pub fn write_rrd(path: &Path, source: Source) -> Result<Option<String>, RecordError> {
+    let facts = Facts::new(source.job, source.robot, source.happened.rival, false)?;
+    let sink = Sink::file(path, &Facts::store(source.job), facts.rate_hz)?;
+    Recording::new(sink, &facts, source.happened)?.draw_all(source.ticks, source.progress)?;
     Ok(facts.lacking)
 }
 
@@ -75,16 +66,10 @@ pub fn write_rrd(
 ///
 /// # Errors
 /// [`RecordError`] where the arm cannot be drawn, or the URL is none of a viewer.
-pub fn show_live(
-    url: &str,
-    job: &Job,
-    robot: &Robot,
-    ticks: impl Iterator<Item = Tick>,
-    progress: Progress,
-) -> Result<Option<String>, RecordError> {
-    let facts = Facts::new(job, robot, None, true)?;
-    let sink = Sink::viewer(url, &Facts::store(job), facts.rate_hz)?;
-    Recording::new(sink, &facts, &Happened::default())?.draw_all(ticks, progress)?;
+pub fn show_live(url: &str, source: Source) -> Result<Option<String>, RecordError> {
+    let facts = Facts::new(source.job, source.robot, None, true)?;
+    let sink = Sink::viewer(url, &Facts::store(source.job), facts.rate_hz)?;
+    Recording::new(sink, &facts, source.happened)?.draw_all(source.ticks, source.progress)?;
     Ok(facts.lacking)
 }
 
@@ -106,7 +91,7 @@ pub fn save_blueprint(
     if let Some(picture) = scene.push(&facts, &first.row(), &mut |_, _| ()) {
         room.push(&facts, &picture);
     }
-    let subject = subject(&facts, &happened, &scene, &room, layout);
+    let subject = subject(&facts, happened, &scene, &room, layout);
     let (messages, store) = blueprint::messages(&subject, layout, None)?;
     let mut file = RrdFile::create(path)?;
     file.append(&messages)?;
@@ -116,7 +101,7 @@ pub fn save_blueprint(
 
 fn subject<'a>(
     facts: &'a Facts,
-    happened: &Happened,
+    happened: Happened,
     scene: &'a Scene,
     room: &Room,
     layout: Layout,
@@ -138,7 +123,7 @@ fn subject<'a>(
 struct Recording<'a> {
     sink: Sink,
     run: &'a Facts<'a>,
-    happened: &'a Happened<'a>,
+    happened: Happened<'a>,
     scene: Scene,
     room: Room,
     signals: Table,
@@ -164,7 +149,7 @@ struct Recording<'a> {
 
 impl<'a> Recording<'a> {
     /// Begins with what never changes: the run's properties, the arm, styles.
-    fn new(sink: Sink, run: &'a Facts, happened: &'a Happened) -> Result<Self, RecordError> {
+    fn new(sink: Sink, run: &'a Facts, happened: Happened<'a>) -> Result<Self, RecordError> {
         let is_fast = |kept| matches!(kept, Kept::F64 | Kept::F32 | Kept::Short | Kept::Log(_));
         let is_slow = |kept| matches!(kept, Kept::Slow | Kept::Drawn);
         let chunk_s = match run.is_live {
@@ -175,7 +160,7 @@ impl<'a> Recording<'a> {
             sink,
             run,
             happened,
-            scene: Scene::new(run, Story::new(run.job, happened)),
+            scene: Scene::new(run, Story::new(run.job, &happened)),
             room: Room::default(),
             signals: Table::of(is_fast, false),
             drawn: Table::of(is_slow, run.is_live),
@@ -196,7 +181,7 @@ impl<'a> Recording<'a> {
 
     fn draw_all(
         mut self,
-        ticks: impl Iterator<Item = Tick>,
+        ticks: &mut dyn Iterator<Item = Tick>,
         progress: Progress,
     ) -> Result<(), RecordError> {
         for (count, tick) in (1..).zip(ticks) {

@@ -6,7 +6,6 @@ mod recorded;
 
 use minijinja::Environment;
 use minijinja::value::{Serde, Value};
-use model::Robot;
 use serde_json::json;
 use shared_types::codes::MODE_REGULAR;
 use shared_types::job::Job;
@@ -17,7 +16,7 @@ use crate::digits::digits;
 use crate::facts::Facts;
 use crate::narration::Words;
 use crate::pose::Rgba;
-use crate::run::{Happened, Tick};
+use crate::run::Source;
 use crate::signals::Signal;
 use crate::sink::RecordError;
 use crate::tint::{faded, hex, on_paper};
@@ -61,16 +60,9 @@ const PLOTTED: &[Signal] = {
 ///
 /// # Errors
 /// [`RecordError`] where the arm cannot be drawn.
-pub fn report(
-    summary: &Summary,
-    job: &Job,
-    robot: &Robot,
-    ticks: impl Iterator<Item = Tick>,
-    happened: &Happened,
-    lacks: &[String],
-) -> Result<String, RecordError> {
-    let facts = &Facts::new(job, robot, None, false)?;
-    let recorded = &Recorded::read(facts, ticks, summary.ticks, happened, PLOTTED);
+pub fn report(summary: &Summary, source: Source, lacks: &[String]) -> Result<String, RecordError> {
+    let facts = &Facts::new(source.job, source.robot, None, false)?;
+    let recorded = &Recorded::read(facts, source, summary.ticks, PLOTTED);
     let class = match summary.outcome.as_str() {
         BOUNDARY => "fair",
         _ if summary.is_success() => "good",
@@ -81,7 +73,7 @@ pub fn report(
     let contents = json!({
         "of": summary,
         "title": facts.title,
-        "about": job.scenario.about,
+        "about": facts.job.scenario.about,
         "class": class,
         "lacks": lacks,
         "log": log.collect::<Vec<_>>(),

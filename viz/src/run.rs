@@ -1,6 +1,9 @@
 //! A run as everything here reads it: its ticks, and what happened besides.
 
+use model::Robot;
 use shared_types::MAX_DOF;
+use shared_types::event::Event;
+use shared_types::job::Job;
 use shared_types::summary::FaultSummary;
 use shared_types::topics::{ByTopic, Received};
 
@@ -27,38 +30,21 @@ impl Tick {
     }
 }
 
-/// How serious an event is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Level {
-    /// As planned.
-    Info,
-    /// A fault that is being dealt with.
-    Warning,
-    /// Something failed.
-    Error,
-}
+/// Called with the number of ticks so far; `false` ends the work.
+pub type Progress<'a> = &'a mut dyn FnMut(u64) -> bool;
 
-impl Level {
-    /// As the viewer and tables write it.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Info => "INFO",
-            Self::Warning => "WARN",
-            Self::Error => "ERROR",
-        }
-    }
-}
-
-/// A line of the log.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Event {
-    /// When.
-    pub tick: u64,
-    /// How serious.
-    pub level: Level,
-    /// One sentence.
-    pub text: String,
+/// A run that is read.
+pub struct Source<'a> {
+    /// Its job.
+    pub job: &'a Job,
+    /// Its arm.
+    pub robot: &'a Robot,
+    /// Facts besides its messages.
+    pub happened: Happened<'a>,
+    /// Its ticks, in order.
+    pub ticks: &'a mut dyn Iterator<Item = Tick>,
+    /// Called from time to time.
+    pub progress: Progress<'a>,
 }
 
 /// Another law's arm beside the run's own.

@@ -5,14 +5,13 @@
 
 use model::Robot;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+use shared_types::event::Event;
 use shared_types::graph::Graph;
 use shared_types::messages::SingularityState;
 use shared_types::scenario::{Force, Scenario};
 use shared_types::topics::{ByTopic, CHAIN, Lent};
 use shared_types::wire::Stamps;
 use shared_types::{ControlState, MAX_DOF, SingularityReport};
-
-use crate::run::Event;
 
 /// The messages of one tick, as a recorder has them; in real time some may be missing.
 #[derive(Clone, Copy, Debug, Default)]

@@ -2,6 +2,7 @@
 
 use shared_types::Message;
 use shared_types::codes::{DRIVES, MODES, PHASES, name_of, singularity_name};
+use shared_types::event::{Event, Level};
 use shared_types::fault::Kind;
 use shared_types::graph::Graph;
 use shared_types::job::Job;
@@ -10,7 +11,7 @@ use shared_types::topics::CHAIN;
 
 use crate::entity;
 use crate::narration::{NO_FAULT, capital};
-use crate::run::{Event, Happened, Level};
+use crate::run::Happened;
 use crate::signals::TickRow;
 
 /// A message that is missing for so many ticks is late, not absent.
@@ -318,7 +319,13 @@ impl Story {
 }
 
 fn tell_line(tick: u64, level: Level, text: String, tell: &mut dyn FnMut(u64, News)) {
-    tell(tick, News::Line(&Event { tick, level, text }));
+    let event = Event {
+        tick,
+        level,
+        text,
+        ..Event::default()
+    };
+    tell(tick, News::Line(&event));
 }
 
 #[cfg(test)]

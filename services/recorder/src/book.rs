@@ -5,13 +5,13 @@ use std::time::{Duration, Instant};
 
 use model::Robot;
 use runtime::{Mode, ProcessError};
+use shared_types::event::{Event, Level, Source};
 use shared_types::job::Job;
 use shared_types::summary::{RecorderSummary, Summary};
 
 use crate::MESSAGES;
 use crate::contents::Contents;
 use crate::error::RecordError;
-use crate::event::{Event, Level, Source};
 use crate::judge::{Judge, Tick};
 use crate::reader::{Item, RecordReader};
 use crate::ticks::{Assembler, Row, places, refusal};

@@ -1,11 +1,11 @@
 //! Reports faults to the recording: when each was injected, detected, recovered.
 
 use runtime::{FaultRecord, Shell};
+use shared_types::event::{Event, Level, Source};
 use shared_types::fault::Fault;
 use shared_types::graph::Graph;
 
 use crate::Record;
-use crate::event::{Event, Level, Source};
 
 const INJECTED: u32 = 1;
 const DETECTED: u32 = 2;
@@ -20,7 +20,6 @@ pub(crate) struct FaultReporter {
 impl FaultReporter {
     /// Reports all events since the last report.
     pub(crate) fn report(&mut self, shell: &Shell, graph: &Graph, record: &mut Record) {
-        let mut out = Out { record };
         for (place, fault_record) in shell.fault_table().records() {
             if self.reported.len() <= place {
                 self.reported.resize(place + 1, 0);
@@ -38,31 +37,14 @@ impl FaultReporter {
             let process = process.map_or("?", |process| process.name.as_str());
             let target = graph.target(process);
             if let Some(fault) = target.and_then(|target| scheduled.fault(process, &target)) {
-                tell(reported, &fault_record, &fault, &mut out);
+                tell(reported, &fault_record, &fault, record);
             }
         }
     }
 }
 
-/// The destination of the facts.
-struct Out<'a> {
-    record: &'a mut Record,
-}
-
-impl Out<'_> {
-    fn event(&mut self, tick: u64, level: Level, text: String) {
-        let event = Event {
-            tick,
-            level,
-            source: Source::Faults,
-            text,
-        };
-        self.record.write(|record| record.event(&event));
-    }
-}
-
 /// Reports new facts about a fault.
-fn tell(reported: &mut u32, record: &FaultRecord, fault: &Fault, out: &mut Out<'_>) {
+fn tell(reported: &mut u32, course: &FaultRecord, fault: &Fault, record: &mut Record) {
     let FaultRecord {
         scheduled,
         origin,
@@ -70,7 +52,16 @@ fn tell(reported: &mut u32, record: &FaultRecord, fault: &Fault, out: &mut Out<'
         detected_ns,
         recovered_ns,
         exit,
-    } = record;
+    } = course;
+    let mut event = |tick, level, text| {
+        let event = Event {
+            tick,
+            level,
+            source: Source::Faults,
+            text,
+        };
+        record.write(|record| record.event(&event));
+    };
     let process = &fault.process;
     let mut is_new = |is_so: bool, state: u32| {
         let is_new = is_so && *reported & state == 0;
@@ -84,16 +75,16 @@ fn tell(reported: &mut u32, record: &FaultRecord, fault: &Fault, out: &mut Out<'
             |exit| format!("the {process} ended with {exit}"),
         );
         let text = format!("fault ({}): {sentence}", origin.name());
-        out.event(scheduled.at, Level::Error, text);
+        event(scheduled.at, Level::Error, text);
     }
     if is_new(*detected_ns != 0, DETECTED) {
         let kind = exit.map_or(fault.kind.name(), |_| "end");
         let after_ms = since_ms(*detected_ns);
         let text = format!("{kind} of the {process} detected after {after_ms:.2} ms");
-        out.event(scheduled.at, Level::Warning, text);
+        event(scheduled.at, Level::Warning, text);
     }
     if is_new(*recovered_ns != 0, RECOVERED) {
         let text = format!("{process} is back, {:.0} ms later", since_ms(*recovered_ns));
-        out.event(scheduled.until, Level::Info, text);
+        event(scheduled.until, Level::Info, text);
     }
 }

@@ -32,7 +32,6 @@ pub use book::rebuild;
 pub use contents::{Contents, tick_of};
 pub use cut::Cut;
 pub use error::RecordError;
-pub use event::{Event, Level, Source};
 pub use hash::TopicHash;
 pub use judge::{Bounds, Judge, Limits, TaskError, Verdict};
 pub use reader::{Item, RecordReader};

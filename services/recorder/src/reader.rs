@@ -11,11 +11,12 @@ use mcap::records::{Channel, Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use mcap::{MAGIC, McapError, parse_record};
 use shared_types::Message;
+use shared_types::event::Event;
 
 use crate::contents::{Contents, tick_of};
 use crate::cut::Cut;
 use crate::error::RecordError;
-use crate::event::{CDR, Event};
+use crate::event::{CDR, read_event};
 
 /// Bytes of an opcode and a length.
 const PREFIX: usize = 9;
@@ -226,7 +227,7 @@ impl RecordReader {
             channel if channel == self.contents.extra()[2] => {
                 Item::Cut(Cut::read(tick, bytes).unwrap_or_default())
             }
-            _ => Item::Event(Event::read(tick, bytes).unwrap_or_default()),
+            _ => Item::Event(read_event(tick, bytes).unwrap_or_default()),
         })
     }
 

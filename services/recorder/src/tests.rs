@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use bytemuck::bytes_of;
+use shared_types::event::Event;
 use shared_types::layout::MessageLayout;
 use shared_types::{PlantState, SensorSample, Target};
 use tempfile::TempDir;

@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 use std::path::Path;
 
 use bytemuck::try_pod_read_unaligned;
+use shared_types::event::Event;
 use shared_types::job::Job;
 use shared_types::summary::Summary;
 use shared_types::topics::{self, ByTopic, COUNT, Each, Received, TOPICS, Topic};
@@ -12,7 +13,6 @@ use shared_types::wire::Stamps;
 use crate::MESSAGES;
 use crate::contents::{Contents, tick_of};
 use crate::error::RecordError;
-use crate::event::Event;
 use crate::hash::TopicHash;
 use crate::reader::{Item, RecordReader};
 

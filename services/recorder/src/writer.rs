@@ -10,11 +10,12 @@ use std::rc::Rc;
 
 use mcap::records::MessageHeader;
 use mcap::{Attachment, McapError, WriteOptions};
+use shared_types::event::{Event, Source};
 
 use crate::contents::{Contents, schema, tick_of};
 use crate::cut::{CUTS, Cut};
 use crate::error::RecordError;
-use crate::event::{CDR, EVENTS, Event, ROBOT, Source, put_text};
+use crate::event::{CDR, EVENTS, ROBOT, put_text, write_event};
 use crate::reader::{Item, RecordReader};
 
 /// Bytes of messages after which a chunk is closed.
@@ -117,7 +118,7 @@ impl RecordWriter {
     pub fn event(&mut self, event: &Event) -> Result<(), RecordError> {
         let time_ns = self.contents.time_ns(event.tick);
         self.message.clear();
-        event.write(time_ns, &mut self.message);
+        write_event(event, time_ns, &mut self.message);
         self.write(self.contents.extra()[0], time_ns)
     }
 

@@ -9,7 +9,7 @@ use model::Robot;
 use recorder::{MESSAGES, Ticks};
 use shared_types::job::Job;
 use shared_types::summary::Summary;
-use viz::{Event, Happened, Level, RECORDING, RecordError, Tick};
+use viz::{Happened, RECORDING, RecordError, Source, Tick};
 
 use crate::failure::Failure;
 use crate::launch::interrupts;
@@ -132,34 +132,19 @@ impl Record {
     }
 }
 
-/// A record that is being read.
-pub(crate) struct Source<'a> {
-    pub(crate) job: &'a Job,
-    pub(crate) robot: &'a Robot,
-    pub(crate) happened: Happened<'a>,
-    pub(crate) ticks: &'a mut dyn Iterator<Item = Tick>,
-    pub(crate) progress: viz::Progress<'a>,
-}
-
-impl Source<'_> {
-    /// Draws the recording into a file; a sentence about meshes that could not be read goes to the observer.
-    ///
-    /// # Errors
-    /// [`RecordError`] where the file cannot be written, or a signal has ended that.
-    pub(crate) fn draw(self, path: &Path, observer: Observer<'_>) -> Result<(), RecordError> {
-        let Self {
-            job,
-            robot,
-            happened,
-            ticks,
-            progress,
-        } = self;
-        let lacking = viz::write_rrd(path, job, robot, ticks, &happened, progress)?;
-        if let Some(sentence) = lacking {
-            observer(Progress::Line(&format!("armplane: {sentence}")));
-        }
-        Ok(())
+/// Draws the recording into a file; a sentence about meshes that could not be read goes to the observer.
+///
+/// # Errors
+/// [`RecordError`] where the file cannot be written, or a signal has ended that.
+pub(crate) fn draw(
+    source: Source<'_>,
+    path: &Path,
+    observer: Observer<'_>,
+) -> Result<(), RecordError> {
+    if let Some(sentence) = viz::write_rrd(path, source)? {
+        observer(Progress::Line(&format!("armplane: {sentence}")));
     }
+    Ok(())
 }
 
 /// A record that has been read.
@@ -180,20 +165,11 @@ fn read<'a>(
         let row = next.take()?;
         // Those that are noted behind it are its own where it is the last.
         next = ticks.next();
-        let events = ticks.events().map(|event| Event {
-            tick: event.tick,
-            level: match event.level {
-                recorder::Level::Info => Level::Info,
-                recorder::Level::Warning => Level::Warning,
-                recorder::Level::Error => Level::Error,
-            },
-            text: event.text,
-        });
         last.set(Some(row.tick));
         Some(Tick {
             tick: row.tick,
             messages: *row.messages(),
-            events: events.collect(),
+            events: ticks.events().collect(),
         })
     })
 }
@@ -216,7 +192,7 @@ pub(crate) fn draw_results(
     let remedy = || format!("`armplane view {}` makes it", folder.display());
     let file = folder.join(RECORDING);
     let (drawn, _) = record.make_until(RECORDING, observer, signals, |source| {
-        source.draw(&file, observer)
+        draw(source, &file, observer)
     })?;
     match drawn {
         Ok(()) => Ok(()),
@@ -267,7 +243,7 @@ pub fn shown(run: &Run, observer: Observer<'_>) -> Result<Shown, Failure> {
         .as_ref()
         .map_or(file, |folder| folder.path().join(RECORDING));
     let (drawn, Read { last, lacks }) =
-        record.make(RECORDING, observer, |source| source.draw(&file, observer))?;
+        record.make(RECORDING, observer, |source| draw(source, &file, observer))?;
     drawn.map_err(Failure::work)?;
     let Some(last) = last else {
         let lack = lacks

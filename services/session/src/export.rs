@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use shared_types::scenario::Layout;
 use viz::RECORDING;
 
-use crate::drawing::{Read, Record, Source};
+use crate::drawing::{Read, Record, draw};
 use crate::failure::Failure;
 use crate::layout::save_blueprint;
 use crate::progress::Observer;
@@ -62,17 +62,10 @@ pub fn export(
     let (files, Read { lacks, .. }) = record.make("export", observer, |source| {
         let ExportFormat::Numbers(format) = format else {
             let path = out.join(RECORDING);
-            source.draw(&path, observer).map_err(Failure::work)?;
+            draw(source, &path, observer).map_err(Failure::work)?;
             return Ok(vec![path]);
         };
-        let Source {
-            job,
-            robot,
-            happened,
-            ticks,
-            progress,
-        } = source;
-        viz::export(format, out, job, robot, ticks, &happened, progress).map_err(Failure::work)
+        viz::export(format, out, source).map_err(Failure::work)
     })?;
     Ok(Export {
         files: files?,

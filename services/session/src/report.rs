@@ -1,9 +1,9 @@
 //! A run as a page for people without a viewer.
 
 use model::Robot;
-use viz::Happened;
+use viz::{Happened, Source};
 
-use crate::drawing::{Read, Record, Source};
+use crate::drawing::{Read, Record};
 use crate::failure::Failure;
 use crate::progress::Observer;
 use crate::runs::Run;
@@ -25,8 +25,14 @@ pub fn report(run: &Run, observer: Observer<'_>) -> Result<Page, Failure> {
     let (summary, job) = (run.summary()?, run.job()?);
     if !job.record {
         let robot = Robot::from_source(&job.robot).map_err(Failure::input)?;
-        let (none, happened) = (std::iter::empty(), Happened::default());
-        let text = viz::report(&summary, &job, &robot, none, &happened, &[]);
+        let nothing = Source {
+            job: &job,
+            robot: &robot,
+            happened: Happened::default(),
+            ticks: &mut std::iter::empty(),
+            progress: &mut |_| true,
+        };
+        let text = viz::report(&summary, nothing, &[]);
         return Ok(Page {
             text: text.map_err(Failure::work)?,
             shortfall: None,
@@ -37,23 +43,7 @@ pub fn report(run: &Run, observer: Observer<'_>) -> Result<Page, Failure> {
     lacks.extend(Some(summary.recorder.error.clone()).filter(|error| !error.is_empty()));
     let record = Record::of(job, &run.folder, Some(summary.clone()))?;
     let (text, Read { .. }) = record.make("report", observer, |source| {
-        let Source {
-            job,
-            robot,
-            happened,
-            ticks,
-            progress,
-        } = source;
-        viz::report(
-            &summary,
-            job,
-            robot,
-            &mut ticks.enumerate().map_while(|(count, tick)| {
-                (count % 1000 > 0 || progress(count as u64)).then_some(tick)
-            }),
-            &happened,
-            &lacks,
-        )
+        viz::report(&summary, source, &lacks)
     })?;
     Ok(Page {
         text: text.map_err(Failure::work)?,

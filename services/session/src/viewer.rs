@@ -16,7 +16,7 @@ use runtime::Watcher;
 use rustix::fs::OFlags;
 use shared_types::job::{JOB, Job};
 use shared_types::topics::{COUNT, TOPICS};
-use viz::Tick;
+use viz::{Happened, Source, Tick};
 
 use crate::failure::Failure;
 use crate::progress::{Observer, Progress};
@@ -324,7 +324,14 @@ pub fn watch(run: &Path) -> Result<bool, Failure> {
         count: 0,
     };
     let url = format!("rerun+http://127.0.0.1:{VIEWER_PORT}/proxy");
-    let shown = viz::show_live(&url, &job, &robot, &mut ticks, &mut |_| true);
+    let source = Source {
+        job: &job,
+        robot: &robot,
+        happened: Happened::default(),
+        ticks: &mut ticks,
+        progress: &mut |_| true,
+    };
+    let shown = viz::show_live(&url, source);
     shown.map_err(Failure::work)?;
     Ok(ticks.count == ticks.newest + 1)
 }

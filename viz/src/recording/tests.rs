@@ -49,6 +49,24 @@ fn fixture(count: u64) -> (Job, Robot, Vec<Tick>) {
     (job, robot, ticks)
 }
 
+fn draw(
+    path: &Path,
+    job: &Job,
+    robot: &Robot,
+    ticks: Vec<Tick>,
+    happened: Happened,
+    progress: Progress,
+) -> Result<Option<String>, RecordError> {
+    let source = Source {
+        job,
+        robot,
+        happened,
+        ticks: &mut ticks.into_iter(),
+        progress,
+    };
+    write_rrd(path, source)
+}
+
 /// The rows of each entity of a file that are not static, and the ticks of its numbers.
 fn rows(path: &Path) -> (BTreeMap<String, usize>, Vec<i64>) {
     let file = BufReader::new(std::fs::File::open(path).expect("there"));
@@ -92,15 +110,7 @@ fn a_recording_shows_what_happened() {
         faults: &[fault],
         ..Happened::default()
     };
-    write_rrd(
-        &path,
-        &job,
-        &robot,
-        ticks.into_iter(),
-        &happened,
-        &mut |_| true,
-    )
-    .expect("room");
+    draw(&path, &job, &robot, ticks, happened, &mut |_| true).expect("room");
     let (rows, numbers) = rows(&path);
     assert!(numbers.into_iter().eq(0..4400));
     // The picture runs at 50 Hz. The wrist has ghosts. Inside the wrist singularity ζ has been turned by
@@ -128,15 +138,8 @@ fn a_recording_that_is_stopped_leaves_nothing() {
     let (job, robot, ticks) = fixture(1100);
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("run.rrd");
-    let happened = Happened::default();
-    let stopped = write_rrd(
-        &path,
-        &job,
-        &robot,
-        ticks.into_iter(),
-        &happened,
-        &mut |count| count < 1000,
-    );
+    let (happened, mut until) = (Happened::default(), |count| count < 1000);
+    let stopped = draw(&path, &job, &robot, ticks, happened, &mut until);
     assert!(matches!(stopped, Err(RecordError::Stopped)));
     let error = RrdFile::create(&folder.path().join("none/run.rrd")).map(drop);
     assert!(matches!(error, Err(RecordError::Write { .. })));

@@ -4,12 +4,13 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 use shared_types::codes::{MODE_REGULAR, MODE_REORIENT, MODES};
+use shared_types::event::Event;
 
 use crate::eye::Room;
 use crate::facts::Facts;
 use crate::narration::{NO_FAULT, capital};
 use crate::picture::{Named, Picture, Scene};
-use crate::run::{Event, Happened, Tick};
+use crate::run::Source;
 use crate::scene::Presence;
 use crate::signals::Signal;
 use crate::story::{News, Story};
@@ -20,6 +21,8 @@ const STRETCHES: u64 = 700;
 const PATIENCE: f64 = 2.5;
 /// Most pictures side by side.
 const MOST: usize = 5;
+/// How often a caller hears how far it is; ticks.
+const NEWS: u64 = 1000;
 
 /// Values over time, in the order of the ticks.
 pub(super) type Track<T> = Vec<(u64, T)>;
@@ -107,22 +110,19 @@ pub(super) struct Recorded {
 
 impl Recorded {
     /// Reads a run of about so many ticks.
-    pub(super) fn read(
-        facts: &Facts,
-        ticks: impl Iterator<Item = Tick>,
-        count: u64,
-        happened: &Happened,
-        plotted: &[Signal],
-    ) -> Self {
+    pub(super) fn read(facts: &Facts, source: Source, count: u64, plotted: &[Signal]) -> Self {
         let mut recorded = Self {
             rate_hz: f64::from(facts.rate_hz),
             ..Self::default()
         };
-        let mut scene = Scene::new(facts, Story::new(facts.job, happened));
+        let mut scene = Scene::new(facts, Story::new(facts.job, &source.happened));
         let stride = count.div_ceil(STRETCHES).max(1) as usize;
         let patience_s = PATIENCE / recorded.rate_hz;
         let mut values = Vec::new();
-        for tick in ticks {
+        for (number, tick) in (0..).zip(source.ticks) {
+            if number % NEWS == 0 && !(source.progress)(number) {
+                break;
+            }
             let row = tick.row();
             let picture = scene.push(facts, &row, &mut |tick, news| recorded.tell(tick, &news));
             if let Some(picture) = picture {

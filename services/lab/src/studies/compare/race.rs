@@ -13,7 +13,7 @@ use shared_types::job::{Job, Mode};
 use shared_types::scenario::{Scenario, Strategy};
 use shared_types::topics::{ByTopic, Received};
 use viz::digits;
-use viz::{Happened, Rival};
+use viz::{Happened, Rival, Source};
 
 use crate::text::percent;
 use crate::trial::Trial;
@@ -160,7 +160,7 @@ fn record(robot: &Robot, scenario: &Scenario, rival: &Rival, folder: &Path) -> R
     };
     let mut chain = Chain::new(robot, scenario).map_err(Failure::input)?;
     let mut whole = Tick::default();
-    let ticks = (0..).map_while(|tick| {
+    let mut ticks = (0..).map_while(|tick| {
         if !chain.step(&mut whole) {
             return None;
         }
@@ -176,12 +176,17 @@ fn record(robot: &Robot, scenario: &Scenario, rival: &Rival, folder: &Path) -> R
             events,
         })
     });
-    let (path, rival) = (folder.join(viz::RECORDING), Some(rival));
-    let happened = Happened {
-        rival,
-        ..Happened::default()
+    let source = Source {
+        job: &job,
+        robot,
+        happened: Happened {
+            rival: Some(rival),
+            ..Happened::default()
+        },
+        ticks: &mut ticks,
+        progress: &mut |_| true,
     };
-    viz::write_rrd(&path, &job, robot, ticks, &happened, &mut |_| true)
+    viz::write_rrd(&folder.join(viz::RECORDING), source)
         .map(drop)
         .map_err(Failure::work)
 }
