@@ -3,7 +3,6 @@
 //!
 //! A new topic is a message in [`messages`](crate::messages) and one line in [`for_each_topic`]; the graph names the process that writes it.
 
-use std::convert::Infallible;
 use std::fmt::Debug;
 use std::marker::PhantomData;
 
@@ -45,16 +44,6 @@ macro_rules! derive {
             $( #[doc = concat!("Of topic `", stringify!($topic), "`: [`", stringify!($message), "`].")] pub $topic: F::Of<$message> ),*
         }
 
-        impl<F: Family> ByTopic<F> {
-            /// Makes the part of each topic, in the order of the list.
-            ///
-            /// # Errors
-            /// The first that a part has.
-            pub fn try_build<B: Build<F>>(parts: &mut B) -> Result<Self, B::Error> {
-                Ok(Self { $( $topic: parts.build::<$message>()? ),* })
-            }
-        }
-
         impl<F: Family> Default for ByTopic<F> where $( F::Of<$message>: Default ),* {
             fn default() -> Self {
                 Self { $( $topic: Default::default() ),* }
@@ -82,9 +71,29 @@ macro_rules! derive {
         }
 
         impl ByTopic<Whole> {
+            /// References to all of them.
+            #[must_use]
+            pub fn lent(&self) -> ByTopic<Lent<'_>> {
+                ByTopic { $( $topic: Some(&self.$topic) ),* }
+            }
+
             /// The bytes of each message, in the order of the list, each to be taken out by who changes it.
             pub fn parts_mut(&mut self) -> [Option<&mut [u8]>; COUNT] {
                 [$( Some(bytemuck::bytes_of_mut(&mut self.$topic)) ),*]
+            }
+        }
+
+        impl ByTopic<Received> {
+            /// References to those that have come.
+            #[must_use]
+            pub fn lent(&self) -> ByTopic<Lent<'_>> {
+                ByTopic { $( $topic: self.$topic.as_ref() ),* }
+            }
+        }
+
+        impl From<&ByTopic<Whole>> for ByTopic<Received> {
+            fn from(whole: &ByTopic<Whole>) -> Self {
+                Self { $( $topic: Some(whole.$topic) ),* }
             }
         }
 
@@ -135,18 +144,6 @@ pub trait Topic: Message {
     fn of_mut<F: Family>(all: &mut ByTopic<F>) -> &mut F::Of<Self>;
 }
 
-/// Makes a bundle, topic by topic.
-pub trait Build<F: Family> {
-    /// Why a part cannot be made.
-    type Error;
-
-    /// The part of one topic.
-    ///
-    /// # Errors
-    /// The first one ends the making of the bundle.
-    fn build<M: Topic>(&mut self) -> Result<F::Of<M>, Self::Error>;
-}
-
 /// Does something for each topic: a closure that is generic over the message.
 pub trait Each {
     /// The result for one topic.
@@ -173,27 +170,6 @@ pub const CHAIN: [&str; 4] = [
 /// Most topics of a run, those of its graph included: each has a bit on every doorbell.
 pub const MAX_TOPICS: usize = 29;
 
-/// The topics that every run has, in the order of the list.
-pub const ALWAYS: [&str; COUNT - STEERED.len() - 1] = {
-    let (mut always, mut taken, mut place) = ([""; COUNT - STEERED.len() - 1], 0, 0);
-    while place < COUNT {
-        if !is_in(TOPICS[place], &STEERED) && !is_same(TOPICS[place], PRESSING) {
-            always[taken] = TOPICS[place];
-            taken += 1;
-        }
-        place += 1;
-    }
-    always
-};
-
-const fn is_in(topic: &str, topics: &[&str]) -> bool {
-    let mut place = 0;
-    while place < topics.len() && !is_same(topic, topics[place]) {
-        place += 1;
-    }
-    place < topics.len()
-}
-
 const fn is_same(a: &str, b: &str) -> bool {
     let (a, b) = (a.as_bytes(), b.as_bytes());
     let mut i = 0;
@@ -210,16 +186,6 @@ const fn place(topic: &str) -> usize {
         i += 1;
     }
     i
-}
-
-impl<F: Family> ByTopic<F> {
-    /// Makes the part of each topic, in the order of the list.
-    pub fn build<B: Build<F, Error = Infallible>>(parts: &mut B) -> Self {
-        match Self::try_build(parts) {
-            Ok(all) => all,
-            Err(never) => match never {},
-        }
-    }
 }
 
 /// The messages themselves.
@@ -244,49 +210,6 @@ pub struct Lent<'a>(PhantomData<&'a ()>);
 
 impl<'a> Family for Lent<'a> {
     type Of<M: Topic> = Option<&'a M>;
-}
-
-impl ByTopic<Whole> {
-    /// References to all of them.
-    #[must_use]
-    pub fn lent(&self) -> ByTopic<Lent<'_>> {
-        struct Lend<'a>(&'a ByTopic<Whole>);
-        impl<'a> Build<Lent<'a>> for Lend<'a> {
-            type Error = Infallible;
-            fn build<M: Topic>(&mut self) -> Result<Option<&'a M>, Infallible> {
-                Ok(Some(M::of(self.0)))
-            }
-        }
-        ByTopic::build(&mut Lend(self))
-    }
-}
-
-impl ByTopic<Received> {
-    /// References to those that have come.
-    #[must_use]
-    pub fn lent(&self) -> ByTopic<Lent<'_>> {
-        struct Lend<'a>(&'a ByTopic<Received>);
-        impl<'a> Build<Lent<'a>> for Lend<'a> {
-            type Error = Infallible;
-            fn build<M: Topic>(&mut self) -> Result<Option<&'a M>, Infallible> {
-                Ok(M::of(self.0).as_ref())
-            }
-        }
-        ByTopic::build(&mut Lend(self))
-    }
-}
-
-impl From<&ByTopic<Whole>> for ByTopic<Received> {
-    fn from(whole: &ByTopic<Whole>) -> Self {
-        struct Take<'a>(&'a ByTopic<Whole>);
-        impl Build<Received> for Take<'_> {
-            type Error = Infallible;
-            fn build<M: Topic>(&mut self) -> Result<Option<M>, Infallible> {
-                Ok(Some(*M::of(self.0)))
-            }
-        }
-        Self::build(&mut Take(whole))
-    }
 }
 
 /// Hash over the layouts of all messages. A reader requires it of a writer before it opens a topic.
@@ -324,27 +247,5 @@ mod tests {
         let all = each(&mut Check).map(Some);
         assert_eq!(TOPICS.map(|topic| named(topic, &mut Check)), all);
         assert_eq!(named("weather", &mut Check), None);
-    }
-
-    #[test]
-    fn a_bundle_gives_the_part_of_each_message() {
-        struct Tick;
-        impl Build<Whole> for Tick {
-            type Error = Infallible;
-            fn build<M: Topic>(&mut self) -> Result<M, Infallible> {
-                let mut message = M::zeroed();
-                message.header_mut().tick = M::INDEX as u64;
-                Ok(message)
-            }
-        }
-        let whole = ByTopic::<Whole>::build(&mut Tick);
-        assert_eq!(
-            (whole.sensor.header.tick, whole.plant_state.header.tick),
-            (0, 1)
-        );
-        let mut received = ByTopic::<Received>::from(&whole);
-        assert_eq!(received.lent(), whole.lent());
-        *StateEstimate::of_mut(&mut received) = None;
-        assert!(received.lent().estimate.is_none() && received.lent().torque.is_some());
     }
 }
