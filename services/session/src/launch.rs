@@ -23,23 +23,12 @@ const ACCOUNT_BYTES: usize = 256 * 1024;
 /// The arm of a run in MJCF, for programs of others.
 const ARM: &str = "arm.xml";
 
-/// Runs the processes to the end of the task, or of one of them, and tells the observer what happens.
+/// Runs the processes to the end of the task, or of one of them, and tells the observer what happens; `begin` sees the run before its first process starts,
+/// each time that all processes start.
 ///
 /// # Errors
 /// See [`launch_watched`].
 pub fn launch(
-    job: &Job,
-    plan: Plan,
-    observer: Observer<'_>,
-) -> Result<(Outcome, Option<Summary>), Failure> {
-    launch_begun(job, plan, &mut |_| Ok(()), observer)
-}
-
-/// As [`launch`]; `begin` sees the run before its first process starts, each time that all processes start.
-///
-/// # Errors
-/// See [`launch_watched`].
-pub fn launch_begun(
     job: &Job,
     plan: Plan,
     begin: Begin<'_>,

@@ -51,7 +51,7 @@ pub use failure::Failure;
 pub use fault_kinds::FaultKinds;
 pub use graph_text::{GraphText, Topics};
 pub use injection::inject;
-pub use launch::{Begin, GUARD, ROBOT, interrupts, launch, launch_begun, launch_watched};
+pub use launch::{Begin, GUARD, ROBOT, interrupts, launch, launch_watched};
 pub use launcher::Interrupts;
 pub use layout::save_blueprint;
 pub use machine::machine;

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use runtime::{
-    ControlPage, Counts, Distribution, FaultRecord, FoundRun, LiveSingularity, LiveState, Manifest,
-    RunDir, SHM, State, Stop,
+    ControlPage, Counts, Distribution, FaultRecord, FoundRun, LiveSingularity, Manifest, RunDir,
+    SHM, State, Stop,
 };
 use serde::Serialize;
 use shared_types::codes::{self, name_of, singularity_name};
@@ -272,21 +272,26 @@ pub struct Observation {
     pub faults: Vec<ObservedFault>,
 }
 
-struct ProcessSample {
-    pid: u32,
-    incarnation: u32,
-    state: State,
+/// The counters of a process at one time.
+struct Sample {
     ticks: u64,
-    counts: Counts,
     step: Distribution,
     age: Distribution,
 }
 
-struct Sample {
-    at: Instant,
-    processes: Vec<ProcessSample>,
-    arm: LiveState,
-    faults: Vec<FaultRecord>,
+impl Sample {
+    /// Of each process.
+    fn all(control_page: &ControlPage, manifest: &Manifest) -> Vec<Self> {
+        let of = |index: usize| {
+            let entry = control_page.process(index);
+            Self {
+                ticks: entry.ticks(),
+                step: entry.step(),
+                age: entry.age(),
+            }
+        };
+        (0..manifest.processes.len()).map(of).collect()
+    }
 }
 
 /// Samples the control page of one run.
@@ -295,7 +300,8 @@ pub struct Observer {
     living: Living,
     manifest: Manifest,
     control_page: ControlPage,
-    before: Sample,
+    at: Instant,
+    before: Vec<Sample>,
 }
 
 impl Observer {
@@ -305,8 +311,9 @@ impl Observer {
     /// The run has ended, or its files cannot be read.
     pub fn open(living: Living) -> Result<Self, Failure> {
         let (run, manifest, control_page) = living.open()?;
-        let before = sample(&control_page, &manifest);
+        let before = Sample::all(&control_page, &manifest);
         Ok(Self {
+            at: Instant::now(),
             run,
             living,
             manifest,
@@ -322,33 +329,32 @@ impl Observer {
 
     /// The run since the last call, or since [`Observer::open`].
     pub fn observe(&mut self) -> Observation {
-        let now = sample(&self.control_page, &self.manifest);
-        let elapsed_s = (now.at - self.before.at).as_secs_f64().max(1e-9);
+        let (page, at) = (&self.control_page, Instant::now());
+        let now = Sample::all(page, &self.manifest);
+        let elapsed_s = (at - self.at).as_secs_f64().max(1e-9);
         let process = |index: usize| {
-            let (described, before, now) = (
-                &self.manifest.processes[index],
-                &self.before.processes[index],
-                &now.processes[index],
-            );
+            let (before, now) = (&self.before[index], &now[index]);
+            let (described, entry) = (&self.manifest.processes[index], page.process(index));
+            let counts = entry.counts();
             ObservedProcess {
                 name: described.name.clone(),
-                state: state(now.state),
-                pid: now.pid,
-                starts: now.incarnation,
+                state: state(entry.state()),
+                pid: entry.pid(),
+                starts: entry.incarnation(),
                 core: described.core,
                 ticks: now.ticks,
                 ticks_per_s: now.ticks.saturating_sub(before.ticks) as f64 / elapsed_s,
-                missed: now.counts.silent,
-                counts: now.counts,
+                missed: counts.silent,
+                counts,
                 step_us: times(&before.step, &now.step),
                 age_us: times(&before.age, &now.age),
             }
         };
-        let ticks = now.processes.iter().map(|sample| sample.ticks);
-        let tick = ticks.max().unwrap_or(0);
+        let tick = now.iter().map(|one| one.ticks).max().unwrap_or(0);
+        let arm = page.live_state();
         let processes = &self.manifest.processes;
         let name = |place: u32| processes.get(place as usize).map(|one| one.name.clone());
-        let fault = |record: &FaultRecord| ObservedFault {
+        let fault = |(_, record): (usize, FaultRecord)| ObservedFault {
             process: name(record.scheduled.process).unwrap_or_default(),
             kind: record.scheduled.kind().map_or("unknown", Kind::name),
             origin: record.origin.name(),
@@ -360,46 +366,15 @@ impl Observer {
             title: self.living.to_string(),
             mode: self.manifest.mode.name(),
             rate_hz: self.manifest.rate_hz,
-            processes: (0..now.processes.len()).map(process).collect(),
-            drive: name_of(codes::DRIVES, now.arm.drive),
-            stale_ticks: now.arm.stale_ticks.into(),
-            phase: name_of(codes::PHASES, now.arm.phase),
-            singularities: now
-                .arm
-                .singularities
-                .iter()
-                .enumerate()
-                .map(singularity)
-                .collect(),
-            faults: now.faults.iter().map(fault).collect(),
+            processes: (0..now.len()).map(process).collect(),
+            drive: name_of(codes::DRIVES, arm.drive),
+            stale_ticks: arm.stale_ticks.into(),
+            phase: name_of(codes::PHASES, arm.phase),
+            singularities: (0..).zip(&arm.singularities).map(singularity).collect(),
+            faults: page.fault_table().records().map(fault).collect(),
         };
-        self.before = now;
+        (self.at, self.before) = (at, now);
         observation
-    }
-}
-
-fn sample(control_page: &ControlPage, manifest: &Manifest) -> Sample {
-    let process = |index: usize| {
-        let entry = control_page.process(index);
-        ProcessSample {
-            pid: entry.pid(),
-            incarnation: entry.incarnation(),
-            state: entry.state(),
-            ticks: entry.ticks(),
-            counts: entry.counts(),
-            step: entry.step(),
-            age: entry.age(),
-        }
-    };
-    Sample {
-        at: Instant::now(),
-        processes: (0..manifest.processes.len()).map(process).collect(),
-        arm: control_page.live_state(),
-        faults: control_page
-            .fault_table()
-            .records()
-            .map(|(_, record)| record)
-            .collect(),
     }
 }
 

@@ -13,7 +13,7 @@ use shared_types::summary::{FaultSummary, INTERRUPTED, Summary};
 use crate::drawing::draw_results;
 use crate::export::joined;
 use crate::failure::Failure;
-use crate::launch::{interrupts, launch_begun};
+use crate::launch::{interrupts, launch};
 use crate::machine::machine;
 use crate::origin::{Earlier, newest_cut};
 use crate::plan::plan;
@@ -154,7 +154,7 @@ pub fn go_on(
     let killed = format!("the launcher was killed; the run went on from tick {from}");
     job.deaths.push(detected("launcher", from, "kill", killed));
     let earlier = Earlier::new(from, faults);
-    let launched = launch_begun(&job, plan, &mut |_| Ok(()), observer)?;
+    let launched = launch(&job, plan, &mut |_| Ok(()), observer)?;
     let complete = |summary: &mut Summary| {
         add_unread(summary, unread);
         add_deaths(summary, &job.deaths);

@@ -15,7 +15,7 @@ use shared_types::summary::{REACHED, Summary};
 
 use crate::drawing::draw_results;
 use crate::failure::Failure;
-use crate::launch::{Begin, interrupts, launch_begun};
+use crate::launch::{Begin, interrupts, launch};
 use crate::load::{self, Loaded};
 use crate::origin::{self, Origin, Place, begin_at};
 use crate::plan::plan;
@@ -148,7 +148,7 @@ fn run_from(
             .map_or(Ok(()), |live| live.follow(run.path()))?;
         begin(run)
     };
-    let launched = launch_begun(&job, plan, &mut begin, observer)?;
+    let launched = launch(&job, plan, &mut begin, observer)?;
     let finish_live = || {
         for sentence in live.into_iter().flat_map(|live| live.finish(&folder)) {
             say(&sentence);

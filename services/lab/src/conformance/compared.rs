@@ -56,7 +56,7 @@ pub(super) fn in_processes(
         work.extend(beside(ControlPage::open(run).map_err(Failure::work)?));
         Ok(())
     };
-    let (outcome, account) = session::launch_begun(job, plan, &mut begin, observer)?;
+    let (outcome, account) = session::launch(job, plan, &mut begin, observer)?;
     drop(work);
     let summary = session::summarise(job, &outcome, account);
     let (failure, ended_by) = match outcome.end {
