@@ -160,37 +160,3 @@ fn chunks_that_are_missing_repeated_or_exchanged_are_named_by_each_command() {
     let again = run.killed(file).json("recover r --only-results");
     assert_eq!(again["topics"], run.summary["topics"]);
 }
-
-/// One hundred damaged records: each command ends with its exit code, and none with a panic.
-#[test]
-fn a_hundred_damaged_records_are_read_or_refused() {
-    let run = Run::new();
-    let (file, places) = (&run.log, &run.places);
-    let random =
-        |n: u64, most: usize| (n.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 20) as usize % most.max(1);
-    for n in 0..100_u64 {
-        let mut bytes = file.clone();
-        let at = random(n + 1, bytes.len());
-        match n % 5 {
-            0 => bytes.truncate(at),
-            1 => bytes[at] ^= 1 << (n % 8),
-            2 => drop(bytes.drain(at..(at + 5_000).min(file.len()))),
-            3 => drop(bytes.splice(at..at, file[..at.min(70_000)].to_vec())),
-            _ => {
-                let chunk = random(n + 7, places.len() - 2);
-                let (a, b, c) = (places[chunk], places[chunk + 1], places[chunk + 2]);
-                bytes.splice(a..c, [&file[b..c], &file[a..b]].concat());
-            }
-        }
-        let desk = run.with(&bytes);
-        for command in ["replay r --process estimator", "report r"] {
-            let said = desk.armplane(command);
-            assert!((0..=2).contains(&said.code), "{n} {command}: {}", said.err);
-            assert!(
-                !said.err.contains("panicked"),
-                "{n} {command}: {}",
-                said.err
-            );
-        }
-    }
-}
