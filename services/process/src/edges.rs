@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 use std::convert::Infallible;
 
 use shared_types::fault::{Kind, ScheduledFault, corrupted_topic, shaped_topic};
-use shared_types::topics::{COUNT, Each, TOPICS, Topic, each};
+use shared_types::topics::{COUNT, TOPICS};
 
 use crate::fence::Fence;
 use crate::member::{Board, Member, Sink};
@@ -183,14 +183,6 @@ fn of(
         .filter_map(|(place, fault)| Some((place, fault, fault.kind()?)))
 }
 
-struct Ports;
-impl Each for Ports {
-    type Output = Port;
-    fn each<M: Topic>(&mut self) -> Port {
-        Port::of::<M>()
-    }
-}
-
 impl Edges {
     pub(crate) fn new(members: &[Member], faults: &[ScheduledFault]) -> Self {
         let mut readers: [Vec<(usize, usize)>; COUNT] = Default::default();
@@ -223,7 +215,7 @@ impl Edges {
         Self {
             faults: faults.to_vec(),
             readers: Readers {
-                ports: each(&mut Ports),
+                ports: Port::all(),
                 lives: members.iter().map(life).collect(),
                 of: readers,
                 fences: Default::default(),

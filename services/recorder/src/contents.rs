@@ -6,7 +6,6 @@ use std::mem::offset_of;
 use mcap::Compression;
 use shared_types::job::{JOB, Job, Mode};
 use shared_types::layout::{MessageLayout, structure};
-use shared_types::topics::{self, Each, Topic};
 use shared_types::wire::{Field, Header};
 
 /// A file that is attached to the record.
@@ -45,7 +44,7 @@ impl Contents {
     /// Contents for a job's run: the topics that its graph writes, with the graph's own topics last, and job, scenario and arm as files. In real time
     /// chunks are compressed: there a tick leaves the time for it.
     pub fn of(job: &Job) -> Self {
-        let known = known()
+        let known = MessageLayout::all()
             .into_iter()
             .filter(|layout| job.graph.writer(&layout.topic).is_some());
         let attached = |name, media_type, text: &str| Attached {
@@ -75,7 +74,9 @@ impl Contents {
 
     /// Contents with the topics that this program knows and that `is_in` chooses.
     pub fn of_topics(run: u64, rate_hz: u32, is_in: impl Fn(&str) -> bool) -> Self {
-        let known = known().into_iter().filter(|layout| is_in(&layout.topic));
+        let known = MessageLayout::all()
+            .into_iter()
+            .filter(|layout| is_in(&layout.topic));
         Self::new(run, rate_hz, known.collect())
     }
 
@@ -110,17 +111,6 @@ impl Contents {
         let ticks = u128::from(time_ns) * u128::from(self.rate_hz);
         u64::try_from((ticks + 500_000_000) / 1_000_000_000).unwrap_or(u64::MAX)
     }
-}
-
-fn known() -> [MessageLayout; topics::COUNT] {
-    struct Known;
-    impl Each for Known {
-        type Output = MessageLayout;
-        fn each<M: Topic>(&mut self) -> MessageLayout {
-            MessageLayout::of::<M>()
-        }
-    }
-    topics::each(&mut Known)
 }
 
 /// The tick of a message; 0 of one without a header.

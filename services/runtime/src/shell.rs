@@ -7,10 +7,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use process::NamedSaved;
+use shared_types::Message;
 use shared_types::fault::{Kind, ScheduledFault};
 use shared_types::job::Mode;
-use shared_types::topics::{self, Each};
-use shared_types::{Message, Topic as KnownTopic};
 
 use crate::bus::collector::Collector;
 use crate::bus::depth::{CHAIN_DEPTH, RECORDER_DEPTH, depth, least_depth};
@@ -246,15 +245,8 @@ impl Shell {
 
     /// The messages of a topic, also where only the graph knows them; `None`: there is no such topic.
     pub(crate) fn format(&self, topic: &str) -> Option<Format> {
-        struct Known;
-        impl Each for Known {
-            type Output = Format;
-            fn each<M: KnownTopic>(&mut self) -> Format {
-                Format::of::<M>()
-            }
-        }
         let foreign = || Some(Format::foreign(self.shared.manifest.message(topic)?));
-        topics::named(topic, &mut Known).or_else(foreign)
+        Format::named(topic).or_else(foreign)
     }
 
     /// Reads everything of a topic as bytes, in order, in rounds of [`Shell::poll`], also where only the graph knows its message.

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use shared_types::topics::{self, Each, TOPICS, Topic as KnownTopic};
+use process::Port;
 
 use crate::bus::depth::RECORDER_DEPTH;
 use crate::bus::error::TopicError;
@@ -26,17 +26,11 @@ impl Watcher {
     /// # Errors
     /// When the run has no such topic, or not yet.
     pub fn open(run: &Path, name: &str, reads: impl Fn(&str) -> bool) -> Result<Self, OpenError> {
-        struct Known;
-        impl Each for Known {
-            type Output = Format;
-            fn each<M: KnownTopic>(&mut self) -> Format {
-                Format::of::<M>()
-            }
-        }
         let bus = join(&RunDir::open(run)?, name, false)?;
-        let formats = (0..).zip(topics::each(&mut Known));
-        let receivers = formats.filter(|(place, _)| reads(TOPICS[*place]));
-        let receivers = receivers.map(|(place, format)| -> Result<_, TopicError> {
+        let ports = Port::all().into_iter().enumerate();
+        let read = ports.filter(|(_, port)| reads(port.topic));
+        let receivers = read.map(|(place, port)| -> Result<_, TopicError> {
+            let format = Format::of_port(&port);
             Ok((place, Topic::open(&bus, format)?.receiver(RECORDER_DEPTH)?))
         });
         Ok(Self {

@@ -8,7 +8,6 @@ use serde::{Deserialize, Serialize};
 use crate::fault::{Kind, Target, corrupted_topic};
 use crate::layout::{DeclaredTopic, MessageLayout};
 use crate::process::{Process, Role};
-use crate::topics::{self, Each, Topic};
 use crate::wire::{Field, MAX_HOPS};
 
 /// A process graph.
@@ -67,20 +66,13 @@ impl Graph {
     /// The layout of a topic's message: of one that this program knows, or one that the graph declares.
     #[must_use]
     pub fn layout(&self, topic: &str) -> Option<MessageLayout> {
-        struct Known;
-        impl Each for Known {
-            type Output = MessageLayout;
-            fn each<M: Topic>(&mut self) -> MessageLayout {
-                MessageLayout::of::<M>()
-            }
-        }
         let declared = || {
             self.topic
                 .iter()
                 .find(|declared| declared.name == topic)
                 .and_then(|declared| declared.layout().ok())
         };
-        topics::named(topic, &mut Known).or_else(declared)
+        MessageLayout::named(topic).or_else(declared)
     }
 
     /// The messages that only this graph knows.

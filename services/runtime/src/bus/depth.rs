@@ -1,7 +1,6 @@
 //! Most unread messages of a topic, by their size.
 
-use shared_types::Topic;
-use shared_types::topics::{self, Each};
+use process::Port;
 
 use crate::context::CHAIN_LAG;
 
@@ -28,16 +27,9 @@ pub(crate) const fn depth(message_bytes: usize) -> usize {
 
 /// The least depth of all topics named: of the largest message.
 pub(crate) fn least_depth(topics: &[&str]) -> usize {
-    struct Depth;
-    impl Each for Depth {
-        type Output = usize;
-        fn each<M: Topic>(&mut self) -> usize {
-            depth(size_of::<M>())
-        }
-    }
     topics
         .iter()
-        .filter_map(|topic| topics::named(topic, &mut Depth))
+        .filter_map(|topic| Some(depth(Port::named(topic)?.bytes)))
         .min()
         .unwrap_or(RECORDER_DEPTH)
 }

@@ -30,6 +30,11 @@ impl Format {
         Self::of_port(&Port::of::<M>())
     }
 
+    /// The format of a topic of the list.
+    pub(crate) fn named(topic: &str) -> Option<Self> {
+        Some(Self::of_port(&Port::named(topic)?))
+    }
+
     /// The format of a topic as a step sees it.
     pub(crate) fn of_port(port: &Port) -> Self {
         let layout = if TOPICS.contains(&port.topic) {

@@ -8,8 +8,7 @@ use std::time::Duration;
 use iceoryx2::identifiers::UniqueNodeId;
 use iceoryx2::node::NodeView as _;
 use iceoryx2::prelude::*;
-use shared_types::Topic;
-use shared_types::topics::{self, Each, TOPICS, wire_hash};
+use shared_types::topics::{TOPICS, wire_hash};
 
 use crate::bus::error::TopicError;
 use crate::bus::format::Format;
@@ -140,14 +139,7 @@ fn remove_unfinished_tags(config: &Config, id: &UniqueNodeId) {
 
 /// A topic's name decides its message.
 fn format_by_name(topic: &str) -> Result<Format, TopicError> {
-    struct Listed;
-    impl Each for Listed {
-        type Output = Format;
-        fn each<M: Topic>(&mut self) -> Format {
-            Format::of::<M>()
-        }
-    }
-    topics::named(topic, &mut Listed).ok_or_else(|| TopicError::Unknown {
+    Format::named(topic).ok_or_else(|| TopicError::Unknown {
         topic: topic.to_owned(),
         known: TOPICS.join(", "),
     })
