@@ -139,11 +139,6 @@ pub trait Message: Layout {
 
     /// The header, to be filled by the sender.
     fn header_mut(&mut self) -> &mut Header;
-
-    /// The reproducible bytes, everything after the stamps. These are hashed and compared.
-    fn content(&self) -> &[u8] {
-        &bytemuck::bytes_of(self)[size_of::<Stamps>()..]
-    }
 }
 
 /// The state that a replacement takes over.

@@ -1,20 +1,12 @@
 //! The thread under its scenario's faults of processes and messages.
 
-use bytemuck::from_bytes;
 use model::{Refused, Robot};
 use shared_types::fault::ScheduledFault;
 use shared_types::graph::{self, Graph};
 use shared_types::process::Process;
 use shared_types::scenario::Scenario;
-use shared_types::topics::{self, Each, TOPICS, Topic};
 
 use crate::{Tick, thread};
-
-/// Takes in every message that counts, in the order of its topic: the recorder's part.
-pub trait Sink {
-    /// A message of a topic has been delivered.
-    fn take<M: Topic>(&mut self, message: &M);
-}
 
 /// The process graph of a scenario on one thread: the built-in one.
 ///
@@ -59,32 +51,19 @@ pub fn plans_faults_of_processes(scenario: &Scenario) -> bool {
         .any(|fault| !fault.kind.concerns_joint())
 }
 
-/// Gives a message to a sink as what it is.
-struct Typed<'a, S>(&'a mut S, &'a [u8]);
-
-impl<S: Sink> Each for Typed<'_, S> {
-    type Output = ();
-    fn each<M: Topic>(&mut self) {
-        self.0.take::<M>(from_bytes(self.1));
-    }
-}
-
-/// Runs a scenario under its faults to its end, handing each message that counts to `sink`. The sentence: why it ended before its task did.
+/// Runs a scenario under its faults to its end, handing each message that counts to `sink`, with its topic's place in the list. The sentence: why it ended before its task did.
 ///
 /// # Errors
 /// As [`planned_faults`], and [`Refused`] by the first step that does not accept the robot or the scenario.
 pub fn run_under_faults(
     robot: &Robot,
     scenario: &Scenario,
-    sink: &mut impl Sink,
+    sink: &mut dyn FnMut(usize, &[u8]),
 ) -> Result<Option<String>, Refused> {
     let mut thread = thread(robot, scenario, planned_faults(scenario)?, |_| true)?;
     let mut tick = Tick::default();
-    let mut give = |topic: usize, message: &[u8]| {
-        topics::named(TOPICS[topic], &mut Typed(sink, message));
-    };
     loop {
-        match thread.tick(&mut tick, &mut give) {
+        match thread.tick(&mut tick, sink) {
             Ok(true) => {}
             Ok(false) => return Ok(None),
             Err(ended) => return Ok(Some(ended.to_string())),

@@ -13,7 +13,7 @@ use shared_types::process::Program;
 use shared_types::scenario::Scenario;
 use shared_types::topics::{ByTopic, Whole};
 
-pub use faults::{Sink, graph, planned_faults, plans_faults_of_processes, run_under_faults};
+pub use faults::{graph, planned_faults, plans_faults_of_processes, run_under_faults};
 
 /// One tick of the whole chain: the messages that the processes would have published.
 pub type Tick = ByTopic<Whole>;

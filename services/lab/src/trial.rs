@@ -15,14 +15,14 @@
 use std::sync::mpsc;
 use std::thread;
 
-use chain::{Sink, Tick};
+use chain::Tick;
 use model::{Refused, Robot};
-use recorder::{Assembler, Contents, Judge, TaskError, TopicHash, Verdict};
+use recorder::{Account, Assembler, Contents, Judge, TaskError, TopicHash, Verdict};
 use session::{Failure, load};
 use shared_types::graph::Graph;
 use shared_types::job::{Job, Mode};
 use shared_types::scenario::{Scenario, Strategy};
-use shared_types::topics::{self, COUNT, Each, Topic};
+use shared_types::topics::{COUNT, TOPICS};
 
 use crate::folder::scratch;
 use crate::row::Row;
@@ -75,62 +75,69 @@ impl<'a> Trial<'a> {
         if let Some(graph) = self.graph {
             return self.run_in(graph).map_err(Refused::because);
         }
-        let Self {
-            robot, scenario, ..
-        } = self;
-        let mut hashes = Hashes::default();
-        let is_sent = |topic: &str| scenario.sends(topic);
-        let verdict = if chain::plans_faults_of_processes(scenario) {
-            let mut judge = Judge::new(robot, scenario)?;
-            let ended = self.assemble(&mut hashes, |row| {
-                judge.take(&row.messages().lent());
-            })?;
-            let mut verdict = judge.verdict();
-            if let Some(sentence) = ended {
-                (verdict.completed, verdict.outcome) = (false, "failed".to_owned());
-                verdict.reason = format!("{sentence}; {}", verdict.reason);
-            }
-            verdict
-        } else {
-            // Each tick is whole: nothing is to be assembled.
-            self.watch(|tick, _| {
-                topics::each(&mut Pass {
-                    hashes: &mut hashes,
-                    tick,
-                    is_sent,
-                });
-            })?
+        let scenario = &self.scenario;
+        let (verdict, hashes) = match chain::plans_faults_of_processes(scenario) {
+            true => self.judged_under_faults()?,
+            false => self.judged()?,
         };
-        let topics = topics::TOPICS.iter().zip(&hashes.0);
+        let hashes = hashes.into_iter().filter(|(_, hash)| hash.count() > 0);
         Ok(Row {
-            hash: topics
-                .filter(|(_, hash)| hash.count() > 0)
-                .map(|(topic, hash)| ((*topic).to_owned(), hash.summary().hash))
+            hash: hashes
+                .map(|(topic, hash)| (topic, hash.summary().hash))
                 .collect(),
             ..Row::of(scenario.control.strategy, verdict)
         })
+    }
+
+    /// Each tick is whole: nothing is to be assembled.
+    fn judged(&self) -> Result<(Verdict, Vec<(String, TopicHash)>), Refused> {
+        let is_sent = TOPICS.map(|topic| self.scenario.sends(topic));
+        let mut hashes = [TopicHash::default(); COUNT];
+        let verdict = self.watch(|tick, _| {
+            let messages = tick.parts().into_iter().zip(&mut hashes).zip(is_sent);
+            for ((message, hash), _) in messages.filter(|(_, is_sent)| *is_sent) {
+                hash.add(message);
+            }
+        })?;
+        let topics = TOPICS.into_iter().map(str::to_owned);
+        Ok((verdict, topics.zip(hashes).collect()))
+    }
+
+    fn judged_under_faults(&self) -> Result<(Verdict, Vec<(String, TopicHash)>), Refused> {
+        let mut judge = Judge::new(self.robot, &self.scenario)?;
+        let (accounts, ended) = self.assemble(|row| {
+            judge.take(&row.messages().lent());
+        })?;
+        let mut verdict = judge.verdict();
+        if let Some(sentence) = ended {
+            (verdict.completed, verdict.outcome) = (false, "failed".to_owned());
+            verdict.reason = format!("{sentence}; {}", verdict.reason);
+        }
+        let hash = |account: Account| (account.topic, account.hash);
+        Ok((verdict, accounts.into_iter().map(hash).collect()))
     }
 
     /// Runs it on one thread under all its faults, and hands each tick's messages to `each` as the recorder assembles them. The sentence: why it ended
     /// before its task did.
     fn assemble(
         &self,
-        hashes: &mut Hashes,
-        each: impl FnMut(&recorder::Row),
-    ) -> Result<Option<String>, Refused> {
+        mut each: impl FnMut(&recorder::Row),
+    ) -> Result<(Vec<Account>, Option<String>), Refused> {
         let is_sent = |topic: &str| self.scenario.sends(topic);
         let contents = Contents::of_topics(0, self.scenario.rate_hz, is_sent);
-        let mut assembled = Assembled {
-            hashes,
-            assembler: Assembler::new(&contents),
-            contents,
-            each,
-        };
-        let ended = chain::run_under_faults(self.robot, &self.scenario, &mut assembled)?;
-        while let Some(row) = assembled.assembler.rest() {
-            (assembled.each)(&row);
+        let mut assembler = Assembler::new(&contents);
+        let ended = chain::run_under_faults(self.robot, &self.scenario, &mut |topic, message| {
+            if let Some(channel) = contents.channel(TOPICS[topic]) {
+                assembler.take(channel, message);
+            }
+            while let Some(row) = assembler.next_row() {
+                each(&row);
+            }
+        })?;
+        while let Some(row) = assembler.rest() {
+            each(&row);
         }
-        Ok(ended)
+        Ok((assembler.accounts().to_vec(), ended))
     }
 
     /// Its signals, a row a tick, as a stream of Arrow's IPC format: the columns of `armplane export`.
@@ -151,7 +158,7 @@ impl<'a> Trial<'a> {
             });
         };
         thread::scope(|scope| {
-            let run = scope.spawn(|| self.assemble(&mut Hashes::default(), keep));
+            let run = scope.spawn(|| self.assemble(keep));
             let table = viz::signals(&job, self.robot, ticks.into_iter());
             let ran = run.join().map_err(|_| Failure::work("the run panicked"))?;
             ran.map_err(Failure::input)?;
@@ -189,51 +196,5 @@ impl<'a> Trial<'a> {
             each(tick, judge.take(&tick.lent()));
         })?;
         Ok(judge.verdict())
-    }
-}
-
-/// The hash of each topic.
-#[derive(Default)]
-pub(crate) struct Hashes(pub(crate) [TopicHash; COUNT]);
-
-impl Sink for Hashes {
-    fn take<M: Topic>(&mut self, message: &M) {
-        self.0[M::INDEX].add(message);
-    }
-}
-
-/// Hashes the messages of a tick, those of the topics that the run has.
-struct Pass<'a, S> {
-    hashes: &'a mut Hashes,
-    tick: &'a Tick,
-    is_sent: S,
-}
-
-impl<S: Fn(&str) -> bool> Each for Pass<'_, S> {
-    type Output = ();
-    fn each<M: Topic>(&mut self) {
-        if (self.is_sent)(M::TOPIC) {
-            self.hashes.take(M::of(self.tick));
-        }
-    }
-}
-
-/// Makes ticks of messages, as the recorder does.
-struct Assembled<'a, E> {
-    hashes: &'a mut Hashes,
-    contents: Contents,
-    assembler: Assembler,
-    each: E,
-}
-
-impl<E: FnMut(&recorder::Row)> Sink for Assembled<'_, E> {
-    fn take<M: Topic>(&mut self, message: &M) {
-        self.hashes.take(message);
-        if let Some(channel) = self.contents.channel(M::TOPIC) {
-            self.assembler.take(channel, bytemuck::bytes_of(message));
-        }
-        while let Some(row) = self.assembler.next_row() {
-            (self.each)(&row);
-        }
     }
 }

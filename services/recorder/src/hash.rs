@@ -1,10 +1,10 @@
 //! The fingerprint of a topic: a hash over the reproducible bytes of all its messages in order.
 
-use shared_types::Message;
 use shared_types::summary::TopicSummary;
+use shared_types::wire::Stamps;
 use xxhash_rust::xxh3::xxh3_64_with_seed;
 
-/// XXH3-64 over [`Message::content`] of one message after the other, each seeded with the hash before: two numbers are its whole memory, so
+/// XXH3-64 over the bytes behind the stamps of one message after the other, each seeded with the hash before: two numbers are its whole memory, so
 /// that whoever is started again can go on with it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TopicHash {
@@ -13,13 +13,9 @@ pub struct TopicHash {
 }
 
 impl TopicHash {
-    /// Adds a message.
-    pub fn add<M: Message>(&mut self, message: &M) {
-        self.add_content(message.content());
-    }
-
-    /// Adds a message by its reproducible bytes.
-    pub fn add_content(&mut self, content: &[u8]) {
+    /// Adds a message; the stamps at its beginning are not reproducible.
+    pub fn add(&mut self, message: &[u8]) {
+        let content = message.get(size_of::<Stamps>()..).unwrap_or_default();
         self.digest = xxh3_64_with_seed(content, self.digest);
         self.count += 1;
     }
@@ -36,11 +32,6 @@ impl TopicHash {
             hash: format!("{:016x}", self.digest),
         }
     }
-
-    /// The hash so far.
-    pub fn digest(&self) -> u64 {
-        self.digest
-    }
 }
 
 #[cfg(test)]
@@ -56,9 +47,9 @@ mod tests {
                 let mut message = SensorSample::default();
                 message.header.tick = tick;
                 message.header.stamps.sent_ns[0] = sent_ns;
-                hash.add(&message);
+                hash.add(bytemuck::bytes_of(&message));
             }
-            hash.digest()
+            hash.summary().hash
         };
         assert_eq!(hash(&[1, 2], 7), hash(&[1, 2], 8));
         assert_ne!(hash(&[1, 2], 7), hash(&[2, 1], 7));

@@ -8,7 +8,6 @@ use shared_types::event::Event;
 use shared_types::job::Job;
 use shared_types::summary::Summary;
 use shared_types::topics::{self, ByTopic, COUNT, Each, Received, TOPICS, Topic};
-use shared_types::wire::Stamps;
 
 use crate::MESSAGES;
 use crate::contents::{Contents, tick_of};
@@ -141,9 +140,7 @@ impl Assembler {
     /// Takes in the next message of a channel.
     pub fn take(&mut self, channel: usize, message: &[u8]) {
         let account = &mut self.accounts[channel];
-        // The stamps at its beginning are not reproducible.
-        let content = message.get(size_of::<Stamps>()..).unwrap_or_default();
-        account.hash.add_content(content);
+        account.hash.add(message);
         let tick = tick_of(message);
         account.next_tick = tick.saturating_add(1);
         if let Some(put) = account.put

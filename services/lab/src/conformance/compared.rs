@@ -4,10 +4,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use chain::Sink;
 use launcher::{End, Exit, Failure as Mishap, Plan};
 use model::Robot;
-use recorder::{Contents, RecordError, RecordReader, RecordWriter, tick_of};
+use recorder::{Contents, RecordError, RecordReader, RecordWriter, TopicHash, tick_of};
 use runtime::{ControlPage, RunDir};
 use serde::Serialize;
 use session::{Failure, Observer};
@@ -15,11 +14,10 @@ use shared_types::job::Job;
 use shared_types::layout::MessageLayout;
 use shared_types::scenario::Scenario;
 use shared_types::summary::{Summary, TopicSummary};
-use shared_types::topics::{TOPICS, Topic};
+use shared_types::topics::{COUNT, TOPICS};
 
 use super::difference::{Difference, Differences};
 use crate::signals::Background;
-use crate::trial::Hashes;
 
 /// The result of one run.
 #[derive(Clone, Serialize)]
@@ -93,10 +91,11 @@ pub(super) fn in_processes(
 
 /// The result of a scenario without processes, shared memory and a clock.
 pub(super) fn on_one_thread(robot: &Robot, scenario: &Scenario) -> Result<Ran, Failure> {
-    let (began, mut hashes) = (Instant::now(), Hashes::default());
-    let ended = chain::run_under_faults(robot, scenario, &mut hashes).map_err(Failure::input)?;
-    let ticks = hashes.0[0].count();
-    let topics = TOPICS.iter().zip(&hashes.0);
+    let (began, mut hashes) = (Instant::now(), [TopicHash::default(); COUNT]);
+    let mut add = |topic: usize, message: &[u8]| hashes[topic].add(message);
+    let ended = chain::run_under_faults(robot, scenario, &mut add).map_err(Failure::input)?;
+    let ticks = hashes[0].count();
+    let topics = TOPICS.iter().zip(&hashes);
     let topics = topics.filter(|(topic, _)| scenario.sends(topic));
     Ok(Ran {
         condition: "one thread, no shared memory".to_owned(),
@@ -133,32 +132,20 @@ pub(super) fn record_on_one_thread(
     job: &Job,
     robot: &Robot,
 ) -> Result<Kept, Failure> {
-    struct Keep<'a> {
-        writer: RecordWriter,
-        contents: &'a Contents,
-        error: Option<RecordError>,
-    }
-    impl Sink for Keep<'_> {
-        fn take<M: Topic>(&mut self, message: &M) {
-            let channel = self.contents.channel(M::TOPIC);
-            if let Some(channel) = channel.filter(|_| self.error.is_none()) {
-                let message = bytemuck::bytes_of(message);
-                self.error = self.writer.append(channel, message).err();
-            }
-        }
-    }
     let kept = Kept {
         path: folder.join("one-thread.mcap"),
         contents: Contents::of(job),
     };
-    let mut keep = Keep {
-        writer: RecordWriter::create(&kept.path, &kept.contents).map_err(Failure::work)?,
-        contents: &kept.contents,
-        error: None,
+    let mut writer = RecordWriter::create(&kept.path, &kept.contents).map_err(Failure::work)?;
+    let mut written = Ok(());
+    let mut keep = |topic: usize, message: &[u8]| {
+        let channel = kept.contents.channel(TOPICS[topic]);
+        if let (Some(channel), Ok(())) = (channel, &written) {
+            written = writer.append(channel, message);
+        }
     };
     chain::run_under_faults(robot, &job.scenario, &mut keep).map_err(Failure::input)?;
-    let Keep { writer, error, .. } = keep;
-    let finished = error.map_or_else(|| writer.finish(), Err);
+    let finished = written.and_then(|()| writer.finish());
     finished.map_err(Failure::work)?;
     Ok(kept)
 }
