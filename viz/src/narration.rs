@@ -383,9 +383,7 @@ pub(crate) fn doing(mode: u32) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_types::messages::{
-        ControlState, PlantState, SensorSample, SingularityReport, TorqueCommand,
-    };
+    use shared_types::messages::{ControlState, PlantState, SingularityReport};
     use shared_types::topics::ByTopic;
 
     /// Each response is told with its own times, but for those of the drives, and how far a hand was off that should stand still.
@@ -428,39 +426,6 @@ mod tests {
             stretch(22, 25, MODE_TRACK),
         ];
         assert_eq!(history.stretches, expected);
-    }
-
-    /// A drive that brakes is told before all else, though torque comes.
-    #[test]
-    fn the_drive_comes_first() {
-        let (mut report, command) = <(SingularityReport, ControlState)>::default();
-        let (mut sensor, torque) = <(SensorSample, TorqueCommand)>::default();
-        (report.count, report.singularities[0].inside) = (1, 1);
-        sensor.drive = DRIVE_STOPPING;
-        let messages = ByTopic {
-            sensor: Some(&sensor),
-            torque: Some(&torque),
-            singularity: Some(&report),
-            control_state: Some(&command),
-            ..ByTopic::default()
-        };
-        let row = TickRow::new(0, messages);
-        let history = History::default();
-        let moment = |fault| Moment {
-            row: &row,
-            history: &history,
-            title: "",
-            joints: 6,
-            rate_hz: 1000,
-            directions: 6,
-            fault,
-            pressed: None,
-        };
-        let words = moment(Some("Estimator: delay")).words();
-        let mut doings = MODES.iter().map(|(mode, _)| doing(*mode));
-        let lines: String = words.lines.iter().map(|line| line.1.as_str()).collect();
-        assert!(doings.all(|doing| !lines.contains(doing)));
-        assert!(words.headline != moment(None).words().headline);
     }
 
     #[test]
