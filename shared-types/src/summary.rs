@@ -222,7 +222,7 @@ pub struct TaskSummary {
     pub missed: Vec<String>,
     /// Causes of an error that `reason` states in words: `held` at a singularity, `inside` (the run ended in a
     /// neighbourhood, too far off along ζ), `orthogonal` (off orthogonal to ζ, by more than the goal allows), `beyond` (the
-    /// path left the arm's reach).
+    /// path left the arm's reach), `braked` (the drives had the arm for a while).
     #[serde(default)]
     pub causes: Vec<String>,
 }

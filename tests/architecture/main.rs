@@ -1,6 +1,7 @@
 //! The rules of the house that neither the compiler nor clippy nor cargo-deny can check; `docs/architecture.md` gives the reasons.
 
 mod crates;
+mod deny;
 mod docs;
 mod equations;
 mod pure;

@@ -277,6 +277,8 @@ impl Judge {
         let singularities = &self.singularities;
         let is_orthogonal_missed = completed && !is_orthogonal_kept(&task, &self.asked.goal);
         task.causes = causes(singularities, is_orthogonal_missed, beyond);
+        let braked = self.joints.is_braked().then(|| "braked".to_owned());
+        task.causes.extend(braked);
         let clauses = singularities.clauses().chain(singularities.ends());
         let others = self
             .joints

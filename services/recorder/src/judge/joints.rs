@@ -86,6 +86,9 @@ pub(super) struct JointMeter {
     chatter: ChatterMeter,
     /// Posture of the arm when the controller refused to continue.
     refused: Option<String>,
+    /// The first tick that the drives had the arm, and how many they had it; ticks without a torque, in between, are theirs.
+    braked: Option<[u64; 2]>,
+    last_tick: u64,
 }
 
 impl JointMeter {
@@ -97,6 +100,8 @@ impl JointMeter {
             last_tau: None,
             chatter: ChatterMeter::default(),
             refused: None,
+            braked: None,
+            last_tick: 0,
         }
     }
 
@@ -128,6 +133,16 @@ impl JointMeter {
         // The plant's word, or the position itself.
         let beyond = (0..self.count()).filter(|i| self.limits.excludes(*i, tick.truth.q[*i]));
         let stops = beyond.fold(tick.truth.limit_mask, |stops, i| stops | 1 << i);
+        let k = tick.truth.header.tick;
+        if tick.truth.drive != DRIVE_ACTIVE && k > 0 {
+            let first = self
+                .last_tau
+                .as_ref()
+                .map_or(k, |_| self.last_tick + 1)
+                .min(k);
+            self.braked.get_or_insert([first, 0])[1] += k + 1 - first;
+        }
+        self.last_tick = k;
         self.measure_loads(tick, stops);
         if tick.torque.phase == PHASE_REFUSED && self.refused.is_none() {
             self.refused = self.place_of_refusal(tick);
@@ -288,7 +303,12 @@ impl JointMeter {
         }
     }
 
-    /// One clause for each limit that was reached.
+    /// Whether the drives had the arm instead of the controller.
+    pub(super) fn is_braked(&self) -> bool {
+        self.braked.is_some()
+    }
+
+    /// One clause for what the drives did by themselves, and for each limit that was reached.
     pub(super) fn clauses(&self) -> impl Iterator<Item = String> {
         let limits = self.summary.limits.iter().map(|limit| {
             let LimitSummary {
@@ -309,9 +329,12 @@ impl JointMeter {
         let rejections = (rejected_estimate_ticks > 0).then(|| {
             format!("the estimate was set aside for {rejected_estimate_ticks} ticks, because no torque within the limits moves the arm so")
         });
-        self.refused
-            .clone()
+        let braked = self.braked.map(|[first, ticks]| {
+            format!("the drives braked and held the arm for {ticks} ticks from tick {first} on")
+        });
+        braked
             .into_iter()
+            .chain(self.refused.clone())
             .chain(limits)
             .chain(waits)
             .chain(rejections)

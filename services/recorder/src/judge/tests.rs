@@ -455,6 +455,25 @@ fn a_path_beyond_reach_is_followed_to_the_boundary() {
     }
 }
 
+/// While no torque comes the drives brake the arm; ticks that the judge did not see for want of one are theirs, too.
+#[test]
+fn drives_that_take_over_are_named() {
+    for (stopping, is_named) in [(3..7, true), (0..1, false)] {
+        let verdict = judged(10, move |k, m| {
+            m.plant_state.drive = if stopping.contains(&k) {
+                codes::DRIVE_STOPPING
+            } else {
+                codes::DRIVE_ACTIVE
+            };
+        });
+        let says = verdict.task.causes.contains(&"braked".to_owned());
+        assert_eq!(
+            (says, verdict.joints.stopped_ticks > 0),
+            (is_named, is_named)
+        );
+    }
+}
+
 /// A drive limits a torque for three reasons; only one of them is the joint's torque limit.
 #[test]
 fn a_drive_that_cuts_a_torque_is_named_with_its_cause() {
