@@ -474,11 +474,7 @@ fn timed<const N: usize>(
         postures.extend(way.iter().skip(1).map(|knot| knot.q));
         let moved = self_motion(request, arm, &last, &postures, rests_there);
         let here = [points.len() - 1, points.len() - 1 + moved.len()];
-        let whole = moved.last().map_or(1.0, |(u, _)| u - last.u);
-        points.extend(moved.into_iter().map(|(u, q)| {
-            let t = last.t + (knot.t - last.t) * ((u - last.u) / whole);
-            point(u, t, q)
-        }));
+        points.extend(moved.into_iter().map(|(u, q)| point(u, last.t, q)));
         rests.extend(here);
         if !at_end(last.t) {
             stops.extend(here);
