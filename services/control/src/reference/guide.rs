@@ -12,8 +12,9 @@ const WAIT_FROM: f64 = 0.05;
 const WAIT_TO: f64 = 0.25;
 /// Demand on the clock that makes it wait.
 pub const WAIT: f64 = 20.0;
-/// Half of the time over which the planned acceleration is taken, s, and the slowest clock by which it is.
+/// Half of the time over which the planned acceleration is taken, s, and that of spare joints; the slowest clock by which it is.
 const RISE_S: f64 = 0.015;
+const SPARE_RISE_S: f64 = 0.03;
 const SLOWEST: f64 = 1e-3;
 /// Lag of the clock behind its target, s.
 const LAG_S: f64 = 0.04;
@@ -27,6 +28,8 @@ pub struct Planned<const N: usize> {
     pub qdot: SVector<f64, N>,
     /// Its acceleration, rad/s²: the mean over a time in which a torque can rise.
     pub qddot: SVector<f64, N>,
+    /// The same for spare joints: the mean over a longer time, for their plan is no smoother than it need be, and leaves the torque rates to the path.
+    pub qddot_spare: SVector<f64, N>,
     /// Speed of the path's clock against the route's: 1, or 0 while the path waits.
     pub time_rate: f64,
 }
@@ -70,13 +73,16 @@ impl<const N: usize> Guide<N> {
     pub fn motion(&self, leg: usize, route_s: f64, rate: f64, rate_dot: f64) -> Option<Planned<N>> {
         let plan = self.plan.as_ref()?;
         let now = self.at(leg, route_s)?;
-        let rise_s = RISE_S * rate.max(SLOWEST);
-        let (before, after) = (plan.at(route_s - rise_s), plan.at(route_s + rise_s));
-        let bend = (after.dq - before.dq) / (2.0 * rise_s);
+        let mean = |rise_s: f64| {
+            let half = rise_s * rate.max(SLOWEST);
+            let bend = plan.at(route_s + half).dq - plan.at(route_s - half).dq;
+            bend * (rate * rate / (2.0 * half)) + now.dq * rate_dot
+        };
         Some(Planned {
             q: now.q,
             qdot: now.dq * rate,
-            qddot: bend * (rate * rate) + now.dq * rate_dot,
+            qddot: mean(RISE_S),
+            qddot_spare: mean(SPARE_RISE_S),
             time_rate: now.time_rate,
         })
     }

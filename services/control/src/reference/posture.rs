@@ -85,7 +85,7 @@ impl<const N: usize> Postures<N> {
         let control = &setup.scenario.control;
         let (k_p, k_vq) = (control.k_p, control.k_vq());
         if let Some(plan) = motion.planned.as_ref().filter(|_| !self.commanded) {
-            return (now.q - plan.q) * k_p - plan.qdot * k_vq - plan.qddot;
+            return (now.q - plan.q) * k_p - plan.qdot * k_vq - plan.qddot_spare;
         }
         let off = now.q - self.at(setup, state);
         let off = if self.steered {
