@@ -383,7 +383,7 @@ pub(crate) fn doing(mode: u32) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_types::messages::{ControlState, PlantState, SingularityReport};
+    use shared_types::messages::{ControlState, PlantState, SensorSample, SingularityReport};
     use shared_types::topics::ByTopic;
 
     /// Each response is told with its own times, but for those of the drives, and how far a hand was off that should stand still.
