@@ -37,6 +37,8 @@ pub(super) const SINGULAR: f64 = 0.05;
 /// Shortest step of the route's clock, s; longest motion, at full joint speed, that counts as none.
 const SHORTEST_S: f64 = 1e-7;
 const BRIEF_S: f64 = 2e-3;
+/// Share of the path's time that is next to none.
+const INSTANT: f64 = 1e-3;
 
 /// A point of the route.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -443,9 +445,10 @@ fn timed<const N: usize>(
     };
     let velocity = request.velocity();
     // Where a damped step leads past a lock, a route may turn in next to no time: while it does, the path waits.
+    let is_instant = |by: f64| by < INSTANT * ends.last().copied().unwrap_or_default();
     let waits = |a: &Knot<N>, b: &Knot<N>| {
-        let least_s = slowest(&(b.q - a.q), &velocity);
-        b.waits || SLOWEST * least_s > SCHEDULED * (b.t - a.t)
+        let (least_s, by) = (slowest(&(b.q - a.q), &velocity), b.t - a.t);
+        b.waits || is_instant(by) && SLOWEST * least_s > SCHEDULED * by
     };
     // The route begins at its first knot, which waits for nothing.
     let mut points = vec![point(0.0, first.t, first.q)];
