@@ -286,7 +286,7 @@ pub(crate) fn act<const N: usize>(
     rest(setup, state, Some(moving))
 }
 
-/// What an arm that is brought to rest moves with, and the torque on it that the model does not explain, N·m.
+/// The motion of an arm that is brought to rest, and the torque on it that the model does not explain, N·m.
 #[derive(Clone, Copy)]
 struct Moving<'a, const N: usize> {
     terms: &'a Terms<N>,

@@ -455,16 +455,14 @@ fn timed<const N: usize>(
     let (mut rests, mut stops) = (vec![0], vec![]);
     let mut from = 0;
     while from + 1 < knots.len() {
-        let waiting = knots[from..]
-            .windows(2)
-            .take_while(|pair| waits(&pair[0], &pair[1]));
-        let way = &knots[from..=from + waiting.count().max(1)];
+        let pairs = knots[from..].windows(2);
+        let waiting = pairs.take_while(|pair| waits(&pair[0], &pair[1])).count();
+        let way = &knots[from..=from + waiting.max(1)];
         from += way.len() - 1;
         let (last, knot) = (points[points.len() - 1], way[way.len() - 1]);
         let rests_there = way.iter().skip(1).all(|knot| knot.waits);
-        if !waits(&way[0], &way[1])
-            || !rests_there && slowest(&(knot.q - last.q), &velocity) < BRIEF_S
-        {
+        let is_brief = !rests_there && slowest(&(knot.q - last.q), &velocity) < BRIEF_S;
+        if waiting == 0 || is_brief {
             if knot.t - last.t > SHORTEST_S {
                 points.push(point(last.u + knot.t - last.t, knot.t, knot.q));
                 if at_end(knot.t) {

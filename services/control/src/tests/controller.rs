@@ -179,7 +179,7 @@ fn a_refusal_states_the_pose_at_which_the_path_stopped() {
     assert!(by < 1e-3, "{by}");
 }
 
-/// What the model does not explain pulls on an arm that was refused, too: it is carried, but not by an estimate that is not to be trusted.
+/// A load that the model does not know pulls on an arm that was refused, too: it is carried, but not by an estimate that is not to be trusted.
 #[test]
 fn a_refused_arm_carries_an_unknown_load() {
     let (_, mut controller, mut analyzer, q) = figure_5();
