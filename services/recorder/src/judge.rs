@@ -276,9 +276,8 @@ impl Judge {
         };
         let singularities = &self.singularities;
         let is_orthogonal_missed = completed && !is_orthogonal_kept(&task, &self.asked.goal);
-        task.causes = causes(singularities, is_orthogonal_missed, beyond);
-        let braked = self.joints.is_braked().then(|| "braked".to_owned());
-        task.causes.extend(braked);
+        let is_braked = self.joints.is_braked();
+        task.causes = causes(singularities, is_orthogonal_missed, beyond, is_braked);
         let clauses = singularities.clauses().chain(singularities.ends());
         let others = self
             .joints
@@ -377,12 +376,14 @@ fn causes(
     singularities: &SingularityMeter,
     is_orthogonal_missed: bool,
     beyond: Beyond,
+    is_braked: bool,
 ) -> Vec<String> {
     let causes = [
         ("held", singularities.clauses().next().is_some()),
         ("inside", singularities.ends().next().is_some()),
         ("orthogonal", is_orthogonal_missed),
         ("beyond", beyond.ticks > 0),
+        ("braked", is_braked),
     ];
     let causes = causes.into_iter().filter(|(_, holds)| *holds);
     causes.map(|(code, _)| code.to_owned()).collect()
