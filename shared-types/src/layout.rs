@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use serde::{Deserialize, Serialize};
 
 use crate::file::{Complaint, require};
-use crate::topics::{self, COUNT, Each, Topic};
+use crate::topics::{OfTopic, Topic};
 use crate::wire::{Field, Fnv, Header, Message, Part};
 use crate::{SingularityState, TargetContent};
 
@@ -42,26 +42,11 @@ impl MessageLayout {
             hash: M::layout_hash(),
         }
     }
-
-    /// Those of all messages that this program knows, in the order of the list of topics.
-    #[must_use]
-    pub fn all() -> [Self; COUNT] {
-        topics::each(&mut Known)
-    }
-
-    /// That of a topic of the list.
-    #[must_use]
-    pub fn named(topic: &str) -> Option<Self> {
-        topics::named(topic, &mut Known)
-    }
 }
 
-struct Known;
-
-impl Each for Known {
-    type Output = MessageLayout;
-    fn each<M: Topic>(&mut self) -> MessageLayout {
-        MessageLayout::of::<M>()
+impl OfTopic for MessageLayout {
+    fn of_topic<M: Topic>() -> Self {
+        Self::of::<M>()
     }
 }
 

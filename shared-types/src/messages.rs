@@ -304,6 +304,7 @@ impl SingularityReport {
 #[cfg(test)]
 mod tests {
     use crate::layout::MessageLayout;
+    use crate::topics::OfTopic;
 
     #[test]
     fn a_layout_that_changes_takes_a_new_version() {

@@ -159,6 +159,35 @@ pub trait Each {
     fn each<M: Topic>(&mut self) -> Self::Output;
 }
 
+/// Plain data on the message of a topic.
+pub trait OfTopic: Sized {
+    /// That of the topic of `M`.
+    #[must_use]
+    fn of_topic<M: Topic>() -> Self;
+
+    /// Those of all topics, in the order of the list.
+    #[must_use]
+    fn all() -> [Self; COUNT] {
+        each(&mut Data(PhantomData))
+    }
+
+    /// That of the topic of that name; `None` if there is none.
+    #[must_use]
+    fn named(topic: &str) -> Option<Self> {
+        named(topic, &mut Data(PhantomData))
+    }
+}
+
+struct Data<T>(PhantomData<T>);
+
+impl<T: OfTopic> Each for Data<T> {
+    type Output = T;
+
+    fn each<M: Topic>(&mut self) -> T {
+        T::of_topic::<M>()
+    }
+}
+
 /// The topics that only a steered run has.
 pub const STEERED: [&str; 2] = [Target::TOPIC, ServoState::TOPIC];
 

@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 use std::convert::Infallible;
 
 use shared_types::fault::{Kind, ScheduledFault, corrupted_topic, shaped_topic};
-use shared_types::topics::{COUNT, TOPICS};
+use shared_types::topics::{COUNT, OfTopic, TOPICS};
 
 use crate::fence::Fence;
 use crate::member::{Board, Member, Sink};

@@ -3,7 +3,7 @@
 use bytemuck::{bytes_of, from_bytes_mut, try_from_bytes};
 use shared_types::Message;
 use shared_types::fault::ScheduledFault;
-use shared_types::topics::{self, COUNT, Each, Topic};
+use shared_types::topics::{OfTopic, Topic};
 
 use crate::fence::first_not_finite;
 use crate::scratch::Scratch;
@@ -52,26 +52,11 @@ impl Port {
         port.is_needed = false;
         port
     }
-
-    /// Those of all topics of the list, in its order.
-    #[must_use]
-    pub fn all() -> [Self; COUNT] {
-        topics::each(&mut Known)
-    }
-
-    /// That of a topic of the list.
-    #[must_use]
-    pub fn named(topic: &str) -> Option<Self> {
-        topics::named(topic, &mut Known)
-    }
 }
 
-struct Known;
-
-impl Each for Known {
-    type Output = Port;
-    fn each<M: Topic>(&mut self) -> Port {
-        Port::of::<M>()
+impl OfTopic for Port {
+    fn of_topic<M: Topic>() -> Self {
+        Self::of::<M>()
     }
 }
 

@@ -6,6 +6,7 @@ use std::mem::offset_of;
 use mcap::Compression;
 use shared_types::job::{JOB, Job, Mode};
 use shared_types::layout::{MessageLayout, structure};
+use shared_types::topics::OfTopic;
 use shared_types::wire::{Field, Header};
 
 /// A file that is attached to the record.

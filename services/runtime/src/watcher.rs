@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use process::Port;
+use shared_types::topics::OfTopic;
 
 use crate::bus::depth::RECORDER_DEPTH;
 use crate::bus::error::TopicError;

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::fault::{Kind, Target, corrupted_topic};
 use crate::layout::{DeclaredTopic, MessageLayout};
 use crate::process::{Process, Role};
+use crate::topics::OfTopic;
 use crate::wire::{Field, MAX_HOPS};
 
 /// A process graph.

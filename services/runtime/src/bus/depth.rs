@@ -1,6 +1,7 @@
 //! Most unread messages of a topic, by their size.
 
 use process::Port;
+use shared_types::topics::OfTopic;
 
 use crate::context::CHAIN_LAG;
 

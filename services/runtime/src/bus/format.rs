@@ -4,7 +4,7 @@
 use bytemuck::{pod_read_unaligned, try_from_bytes};
 use process::Port;
 use shared_types::Message;
-use shared_types::topics::{TOPICS, wire_hash};
+use shared_types::topics::{OfTopic, TOPICS, wire_hash};
 use shared_types::wire::Header;
 
 use crate::manifest::ForeignMessage;
