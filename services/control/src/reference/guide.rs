@@ -12,10 +12,9 @@ const WAIT_FROM: f64 = 0.05;
 const WAIT_TO: f64 = 0.25;
 /// Demand on the clock that makes it wait.
 pub const WAIT: f64 = 20.0;
-/// Half of the time over which the planned acceleration is taken, s, and that of spare joints; the slowest clock by which it is.
+/// Half of the time over which the planned acceleration is taken, s, and that of spare joints.
 const RISE_S: f64 = 0.015;
 const SPARE_RISE_S: f64 = 0.03;
-const SLOWEST: f64 = 1e-3;
 /// Lag of the clock behind its target, s.
 const LAG_S: f64 = 0.04;
 
@@ -73,11 +72,12 @@ impl<const N: usize> Guide<N> {
     pub fn motion(&self, leg: usize, route_s: f64, rate: f64, rate_dot: f64) -> Option<Planned<N>> {
         let plan = self.plan.as_ref()?;
         let now = self.at(leg, route_s)?;
-        let mean = |rise_s: f64| {
-            let half = rise_s * rate.max(SLOWEST);
-            let bend = plan.at(route_s + half).dq - plan.at(route_s - half).dq;
-            bend * (rate * rate / (2.0 * half)) + now.dq * rate_dot
+        // Beside a wait the clock's speed changes by a hundred in a moment: what lies behind was passed at the speed of then.
+        let qdot = |by_s: f64| {
+            let then = (rate + rate_dot * by_s).clamp(0.0, 1.0);
+            plan.at(route_s + 0.5 * (rate + then) * by_s).dq * then
         };
+        let mean = |rise_s: f64| (qdot(rise_s) - qdot(-rise_s)) / (2.0 * rise_s);
         Some(Planned {
             q: now.q,
             qdot: now.dq * rate,
