@@ -17,6 +17,7 @@ use model::{Model, Robot};
 use nalgebra::SVector;
 use shared_types::ControllerCheckpoint;
 use shared_types::scenario::Scenario;
+use std::cell::Cell;
 
 /// Share of a joint's speed that the self-motion at a singularity may take.
 const JOINT_SHARE: f64 = 0.5;
@@ -159,12 +160,17 @@ impl<const N: usize> Controller<N> {
             q_start: &q_start,
             postures: setup.postures.goals(),
         };
-        let is_followed = || rehearsal::is_followed(&setup, fresh.clone(), q_start);
+        let rehearsed = Cell::new(None);
+        let is_followed = || {
+            rehearsed.set(rehearsal::followed(&setup, &fresh, q_start));
+            rehearsed.get().is_some()
+        };
         let found = task.route_ahead(&is_followed);
         let obstacle = found.as_ref().err().cloned().or(too_strong);
         setup.guide = Guide::new(found.ok().flatten(), legs);
         setup.postures.stay(setup.guide.beyond_reach());
-        let mut state = State::begin(&rest, q_start, setup.model.effort());
+        let begun = || State::begin(&rest, q_start, setup.model.effort());
+        let mut state = rehearsed.get().unwrap_or_else(begun);
         state.clock.rate = setup.guide.first_speed();
         if obstacle.is_some() {
             state.refusal = Refusal::Route;

@@ -1,14 +1,16 @@
 //! The rehearsal: the law on its model, before the arm moves. Where it keeps to the path in time without a plan, none is made (+).
 //!
-//! In a lock the law turns ζ while the path begins, and need not wait for it. A route of the search stops there, or takes another way.
+//! In a lock the law turns ζ while the path begins, and need not wait for it. A route of the search stops there, or takes another way. On which side of a lock
+//! an arm that begins in it is, noise would decide: the side that was rehearsed is the one that the law begins with.
 
 use crate::controller::Setup;
-use crate::linear::{angular, linear, served};
+use crate::linear::{angular, linear, served, sign};
+use crate::paper::type_1::SIDE_CHANGE;
 use crate::reference::path::Leg;
 use crate::singularity::analyzer::Analyzer;
 use crate::state::State;
 use crate::tick::{Inputs, act};
-use crate::types::{Phase, Refusal};
+use crate::types::{Class, Phase, Refusal};
 use nalgebra::{SVector, Vector6};
 
 /// Most ticks: about 1 s of computing.
@@ -22,11 +24,36 @@ const CLEAR: f64 = 0.02;
 /// Most of the path's own time.
 const IN_TIME: f64 = 1.005;
 
-/// Whether the law, without a plan, follows the whole path of `setup` from rest in `q`.
-pub(crate) fn is_followed<const N: usize>(
+/// The state in which the law, without a plan, follows the whole path of `setup` from rest in `q`; `None` where it does not.
+pub(crate) fn followed<const N: usize>(
+    setup: &Setup<N>,
+    analyzer: &Analyzer<N>,
+    q: SVector<f64, N>,
+) -> Option<State<N>> {
+    let rest = setup.model.evaluate(&q, &SVector::zeros());
+    let begun = State::begin(&rest, q, setup.model.effort());
+    let report = analyzer.clone().step(&q, &SVector::zeros(), &rest);
+    let (mut sides, mut is_open) = ([begun, begun], false);
+    for (place, s) in report.listed().iter().enumerate() {
+        let coordinate = if s.class == Class::Type1 { s.aux } else { s.s };
+        if s.inside && coordinate.abs() < SIDE_CHANGE {
+            is_open = true;
+            let side = sign(coordinate >= 0.0);
+            sides[0].loops[place].memory.side = side;
+            sides[1].loops[place].memory.side = -side;
+        }
+    }
+    let count = if is_open { 2 } else { 1 };
+    let mut sides = sides.into_iter().take(count);
+    sides.find(|begun| is_followed(setup, analyzer.clone(), q, *begun))
+}
+
+/// Whether the law does so from the state that has `begun`.
+fn is_followed<const N: usize>(
     setup: &Setup<N>,
     mut analyzer: Analyzer<N>,
     mut q: SVector<f64, N>,
+    mut state: State<N>,
 ) -> bool {
     let (model, scenario) = (&setup.model, &setup.scenario);
     let (dt, goal) = (scenario.dt_s(), &scenario.goal);
@@ -40,7 +67,6 @@ pub(crate) fn is_followed<const N: usize>(
     }
     let zero = SVector::zeros();
     let mut qdot = zero;
-    let mut state = State::begin(&model.evaluate(&q, &zero), q, model.effort());
     let mut error = Vector6::zeros();
     let share = |error: &Vector6<f64>, mm: f64, deg: f64| {
         let served = served(&setup.task, error);

@@ -2,9 +2,9 @@
 
 use super::kinematics::{Kinematics, lowest, slowest};
 use super::request::{Request, analyse, centre};
-use super::route::{Knot, SPEED};
+use super::route::Knot;
 use crate::limits::{clock, range};
-use crate::reference::path::{Leg, Path, Progress};
+use crate::reference::path::{Leg, Path, Progress, ramped};
 use crate::types::Report;
 use model::Pose;
 use nalgebra::SVector;
@@ -26,10 +26,10 @@ const STRAIGHT: f64 = 0.25;
 const HARDEST: f64 = 10.0;
 /// Slowest clock that is planned.
 pub(super) const SLOWEST: f64 = 0.005;
-/// Fastest joint of a self-motion, rad/s.
-const TURNING: f64 = 2.0;
 /// Share of the torque beside what holds the arm that it may take.
 const TURNING_TORQUE: f64 = 0.5;
+/// Shortest time in which it gets up to speed, s.
+const SHORTEST_RAMP_S: f64 = 0.05;
 /// Knots of a self-motion.
 const PIECES: u32 = 24;
 /// σ below which a knot is singular enough for the path to wait there.
@@ -496,7 +496,7 @@ fn speed_between<const N: usize>(a: &Point<N>, b: &Point<N>, x: f64) -> f64 {
     (a.speed * a.speed * (1.0 - x) + b.speed * b.speed * x).sqrt()
 }
 
-/// A motion while the path waits as (u, q): a quintic along the way, whose postures keep the pose where the path `rests` in it.
+/// A motion while the path waits as (u, q): a ramp up to full speed and down along the way, whose postures keep the pose where the path `rests` in it.
 fn self_motion<const N: usize>(
     request: &Request<'_, N>,
     arm: &Kinematics<'_, N>,
@@ -504,21 +504,22 @@ fn self_motion<const N: usize>(
     way: &[SVector<f64, N>],
     rests: bool,
 ) -> Vec<(f64, SVector<f64, N>)> {
-    let speeds = request.velocity().map(|speed| (SPEED * speed).min(TURNING));
+    let speeds = request.velocity() * SCHEDULED;
     let lengths = way.windows(2);
     let lengths: Vec<f64> = lengths
         .map(|pair| slowest(&(pair[1] - pair[0]), &speeds))
         .collect();
     let whole: f64 = lengths.iter().sum();
-    let T = (1.875 * whole)
-        .max(0.1)
-        .max((5.774 * whole * inertia(request, way, &lengths)).sqrt());
+    // A ramp accelerates by 1.5 of its rate over its time: to full speed, or half of the way.
+    let up_s = 1.5 * inertia(request, way, &lengths);
+    let up_s = up_s.min((up_s * whole).sqrt()).max(SHORTEST_RAMP_S);
+    let T = whole.max(up_s) + up_s;
     // The first part may lead into a lock beside the path: from there on the pose rests.
     let X = arm.pose(&way[way.len() - 1]);
     let is_still = arm.error(&X, &arm.pose(&from.q)).norm() < 1e-5;
     let piece = |k: u32| {
         let time = f64::from(k) / f64::from(PIECES);
-        let mut left = whole * crate::reference::path::quintic(time, 1.0)[0];
+        let mut left = whole * ramped(T * time, T, up_s)[0];
         let (mut q, mut is_beside) = (way[way.len() - 1], false);
         for (part, (pair, length)) in way.windows(2).zip(&lengths).enumerate() {
             if left <= *length {

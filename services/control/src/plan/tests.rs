@@ -3,7 +3,9 @@
 use super::*;
 use crate::reference::path::Path;
 use crate::singularity::analyzer::Analyzer;
-use crate::testing::robot;
+use crate::testing::{rk4, robot};
+use crate::tick::Inputs;
+use crate::types::Refusal;
 use model::Robot;
 use shared_types::scenario::Scenario;
 
@@ -120,6 +122,40 @@ fn a_plan_is_made_where_the_law_needs_one() {
         assert_eq!(controller.obstacle(), None);
         let guide = &controller.setup.guide;
         assert_eq!(guide.at(0, 0.0).is_some(), is_planned, "{name}");
+    }
+}
+
+/// On one side of this stretched elbow the line leads into a joint limit: the law leaves the lock on the other, which it has rehearsed, whatever the noise.
+#[test]
+fn noise_does_not_choose_the_side_on_which_a_lock_is_left() {
+    let start = "[-1.8276893, 1.2177208, 1.0317532, 2.7417633, 3.35e-7, -0.6894259, -1.3826564]";
+    let goal = "to_m = [-0.219059, -0.507449, 0.292570]\nquaternion = [0.7274106, 0.1574273, -0.5877969, 0.3171519]";
+    let scenario = task("xarm7", start, goal, 1.8);
+    let robot = Robot::builtin("xarm7").unwrap();
+    let q_start = crate::start_posture::<7>(&robot, &scenario).unwrap();
+    for noise in [1e-5, -1e-5] {
+        let model = Model::<7>::new(&robot, None).unwrap();
+        let mut controller = crate::Controller::new(model, &robot, &scenario, q_start).unwrap();
+        let mut analyzer = Analyzer::new(&robot, &scenario.analysis);
+        let model = Model::<7>::new(&robot, None).unwrap();
+        let (mut q, mut qdot) = (q_start, SVector::zeros());
+        q[3] += noise;
+        for tick in 0..2000 {
+            let terms = model.evaluate(&q, &qdot);
+            let command = controller.step(&Inputs {
+                tick,
+                q: &q,
+                qdot: &qdot,
+                tau_disturbance: &SVector::zeros(),
+                wrist_n: None,
+                report: &analyzer.step(&q, &qdot, &terms),
+                terms: Some(&terms),
+                target: None,
+            });
+            assert_eq!(command.refusal, Refusal::None, "tick {tick}: {q}");
+            (q, qdot) = rk4(&model, &q, &qdot, &command.tau, 1e-3);
+        }
+        assert!(q[3] < 2.0, "{q}");
     }
 }
 

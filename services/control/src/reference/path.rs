@@ -553,7 +553,7 @@ pub fn quintic(t: f64, T: f64) -> [f64; 3] {
 }
 
 /// A constant rate that is reached, and left, by a smoothstep over `ramp_s`: position, velocity, acceleration of x(t).
-fn ramped(t: f64, T: f64, ramp_s: f64) -> [f64; 3] {
+pub(crate) fn ramped(t: f64, T: f64, ramp_s: f64) -> [f64; 3] {
     let top = 1.0 / (T - ramp_s);
     let rise = |t: f64| {
         let x = (t / ramp_s).clamp(0.0, 1.0);

@@ -12,7 +12,7 @@
 //! Of types 2 and mixed this is so at the lock only, |s| < [`FOUND`]; beyond it a is turned towards ±m, by which the path is followed.
 
 use super::geometry::Span;
-use crate::linear::wrap_line;
+use crate::linear::{sign, wrap_line};
 use crate::paper::neighborhood::Neighborhood;
 use crate::types::Class;
 use nalgebra::{SMatrix, SVector, Vector3};
@@ -37,7 +37,7 @@ pub(super) struct Turn<'a, const N: usize> {
     pub(super) v: SVector<f64, N>,
     /// u·H, whose symmetric part on Π is the curvature C.
     pub(super) Q: &'a SMatrix<f64, N, N>,
-    /// At the first tick, when nothing depends on a yet.
+    /// At the first tick, when nothing depends on a yet; never with one direction alone, whose sign is that of s.
     pub(super) begins: bool,
 }
 
@@ -88,6 +88,10 @@ impl<const N: usize> Turn<'_, N> {
                         },
                     );
                 }
+            }
+            if self.begins {
+                // Of the two signs the one that another analyzer of this posture finds, too.
+                a *= sign(a[a.icamax()] > 0.0);
             }
             others.push(a);
             let b = others.any();

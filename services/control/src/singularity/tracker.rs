@@ -474,7 +474,7 @@ impl<const N: usize> Tracker<N> {
             m,
             v: svd.v[i],
             Q: &Q,
-            begins: self.begins,
+            begins: self.begins && !svd.is_square(),
         };
         let others = entry.latched.then(|| self.others(k));
         let (a, curvature_b) = turn.of(entry.a, others, |y| self.half_rate(k, arm, y, angular));
