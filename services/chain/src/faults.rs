@@ -6,7 +6,7 @@ use shared_types::graph::{self, Graph};
 use shared_types::process::Process;
 use shared_types::scenario::Scenario;
 
-use crate::{Tick, thread};
+use crate::{Tick, possible, thread};
 
 /// The process graph of a scenario on one thread: the built-in one.
 ///
@@ -54,13 +54,14 @@ pub fn plans_faults_of_processes(scenario: &Scenario) -> bool {
 /// Runs a scenario under its faults to its end, handing each message that counts to `sink`, with its topic's place in the list. The sentence: why it ended before its task did.
 ///
 /// # Errors
-/// As [`planned_faults`], and [`Refused`] by the first step that does not accept the robot or the scenario.
+/// As [`planned_faults`], [`Refused`] by the first step that does not accept the robot or the scenario, and where its path cannot be followed.
 pub fn run_under_faults(
     robot: &Robot,
     scenario: &Scenario,
     sink: &mut dyn FnMut(usize, &[u8]),
 ) -> Result<Option<String>, Refused> {
     let mut thread = thread(robot, scenario, planned_faults(scenario)?, |_| true)?;
+    possible(thread.obstacle())?;
     let mut tick = Tick::default();
     loop {
         match thread.tick(&mut tick, sink) {

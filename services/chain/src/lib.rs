@@ -129,12 +129,18 @@ pub fn without_faults(scenario: &Scenario) -> Scenario {
     }
 }
 
+/// Refuses a path with an obstacle.
+fn possible(obstacle: Option<&str>) -> Result<(), Refused> {
+    obstacle.map_or(Ok(()), |why| Err(Refused::because(why)))
+}
+
 /// Runs a scenario to its end, handing each tick to `each`.
 ///
 /// # Errors
-/// See [`Chain::new`].
+/// See [`Chain::new`], and [`Refused`] where its path cannot be followed.
 pub fn run(robot: &Robot, scenario: &Scenario, mut each: impl FnMut(&Tick)) -> Result<(), Refused> {
     let (mut chain, mut tick) = (Chain::new(robot, scenario)?, Tick::default());
+    possible(chain.obstacle())?;
     while chain.step(&mut tick) {
         each(&tick);
     }
@@ -193,9 +199,7 @@ pub fn first_tick(robot: &Robot, scenario: &Scenario) -> Result<Tick, Refused> {
 /// [`Refused`] if a cycle does not accept the robot or the scenario, or the control law refuses the first tick.
 pub fn try_first_tick(robot: &Robot, scenario: &Scenario) -> Result<Option<String>, Refused> {
     let mut chain = Chain::new(robot, &without_faults(scenario))?;
-    if let Some(obstacle) = chain.obstacle() {
-        return Err(Refused::because(obstacle));
-    }
+    possible(chain.obstacle())?;
     let mut first = Tick::default();
     let _ = chain.step(&mut first);
     match first.torque.phase {

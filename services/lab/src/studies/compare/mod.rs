@@ -202,8 +202,8 @@ impl Compared {
         let on_all_cores = || all.par_iter().with_max_len(1).map(run).collect::<Vec<_>>();
         let lines = unless_stopped(is_in_processes, on_all_cores)?;
         observer(Progress::End);
-        let mut refused = lines.iter().filter(|line| line.score.is_none());
-        if let Some(line) = refused.next().filter(|_| self.speed.is_none()) {
+        let is_nothing = self.speed.is_none() && lines.iter().all(|line| line.score.is_none());
+        if let Some(line) = lines.first().filter(|_| is_nothing) {
             return Err(Failure::Input(format!("{name}: {}", line.reason)));
         }
         let of_law = lines.chunks(tasks.len()).map(<[_]>::to_vec);
@@ -232,14 +232,25 @@ impl Compared {
         names
     }
 
+    /// The laws that refused the path, and why.
+    fn refused(&self) -> impl Iterator<Item = (&str, &str)> {
+        self.laws.iter().filter_map(|(law, lines)| {
+            let line = lines.iter().find(|line| line.score.is_none())?;
+            Some((law.name(), line.reason.as_str()))
+        })
+    }
+
     /// For machines.
     pub fn json(&self) -> Value {
         let Scenario { name, seed, .. } = &self.scenario;
         let Some(speed) = self.speed else {
             let lines = self.laws.iter().flat_map(|(_, lines)| lines);
             let laws: Vec<_> = lines.filter_map(|line| line.score.as_ref()).collect();
+            let refused: Map<_, _> = (self.refused())
+                .map(|(law, why)| (law.to_owned(), why.into()))
+                .collect();
             return json!({
-                "scenario": name, "robot": self.robot, "seed": seed, "faults_left_out": self.faults_left_out, "laws": laws,
+                "scenario": name, "robot": self.robot, "seed": seed, "faults_left_out": self.faults_left_out, "laws": laws, "refused": refused,
             });
         };
         let of_law = |(law, lines): &(Law, Vec<Line>)| {

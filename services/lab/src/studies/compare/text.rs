@@ -70,6 +70,7 @@ impl Compared {
             );
         }
         writeln!(f, "{laws}")?;
+        (self.refused()).try_for_each(|(law, why)| writeln!(f, "{law} refused: {why}"))?;
         findings(&rows)
             .iter()
             .try_for_each(|line| writeln!(f, "{line}"))?;
