@@ -54,8 +54,8 @@ pub trait GroundTruth: std::fmt::Debug {
     /// angular half each for itself. Units m, rad; frame B.
     fn orthogonal(&self, error: &Vector6<f64>) -> Vector6<f64>;
 
-    /// Whether what an error `[p_d − p; ·]` has left along ζ lies beyond the boundary of reach: at a fold (Type 1) in whose
-    /// neighbourhood the true posture is, it points outwards.
+    /// Whether what an error `[p_d − p; ·]` has left along ζ may lie beyond the boundary of reach: at a fold in whose
+    /// neighbourhood the true posture is, it points outwards (Type 1), or either way.
     fn is_beyond(&self, error: &Vector6<f64>) -> bool;
 
     /// Whether any posture of the arm has the pose of a place, found by Newton steps from the true posture and from others.
@@ -273,7 +273,12 @@ impl<const N: usize> GroundTruth for Truth<N> {
                 Kind::Elbow => libm::cos(one.aux),
                 _ => 1.0,
             };
-            one.inside && !one.angular && one.class == Class::Type1 && way * outwards > 0.0
+            let is_outwards = match one.class {
+                Class::Type1 => way * outwards > 0.0,
+                // Of both curvatures, or of one that is known elsewhere alone: the boundary may lie either way.
+                _ => way != 0.0,
+            };
+            one.inside && !one.angular && is_outwards
         })
     }
 
