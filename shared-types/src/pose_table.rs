@@ -23,6 +23,8 @@ const FASTEST: [f64; 2] = [20.0, 100.0];
 /// A step between two rows is a jump where it is so many times as fast as those before and after it, and faster than this; m/s and rad/s.
 const JUMP: f64 = 10.0;
 const SUDDEN: [f64; 2] = [0.5, 1.5];
+/// Way of a step that rounded decimals may be, m and rad: 1 mm in each of three, at any rate of rows.
+const ROUNDING: [f64; 2] = [1.8e-3, 1.8e-3];
 
 /// A pose at a time.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -203,7 +205,8 @@ fn steady(rows: &[Row]) -> Result<(), InvalidRow> {
             let moved = norm(&mut (0..3).map(|i| b.p_m[i] - a.p_m[i]));
             // Twice the chord of quaternions is the angle, for small ones.
             let turned = 2.0 * norm(&mut (0..4).map(|i| b.quaternion[i] - a.quaternion[i]));
-            [moved, turned].map(|x| x / (b.t_s - a.t_s))
+            let beyond = |way: f64, rounding: f64| (way - rounding).max(0.0) / (b.t_s - a.t_s);
+            [beyond(moved, ROUNDING[0]), beyond(turned, ROUNDING[1])]
         })
         .collect();
     let units = [("m/s", "moves"), ("rad/s", "turns")];
@@ -271,6 +274,16 @@ mod tests {
         ] {
             assert_eq!(line_of(&with(wrong)), 6, "{wrong}");
         }
+        // Three decimals at 1 kHz.
+        let rounded = |i: u32| {
+            let x = 2.6e-4 * f64::from(i);
+            format!(
+                "{:.3}, {x:.3}, {x:.3}, {x:.3}, 1, 0, 0, 0\n",
+                1e-3 * f64::from(i)
+            )
+        };
+        let rounded: String = (0..99).map(rounded).collect();
+        assert_eq!(parse(&rounded).unwrap().len(), 99);
         assert_eq!(line_of("t,x,y,z,qx,qy,qz\n"), 1);
         assert_eq!(line_of("t,x,y,z,qx,qy,qz,qz\n"), 1);
         assert_eq!(line_of("0, 0, 0, 0, 1, 0, 0, 0\n"), 1);

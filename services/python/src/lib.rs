@@ -26,6 +26,18 @@ mod _armplane {
         check_scenario, draw_lines, law_names, orthogonal_bar_deg, random_twists, run_trial,
         trace_trial,
     };
+    use pyo3::prelude::*;
+
+    /// An embedded interpreter may have no path.
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        let path = module.py().import("sys")?.getattr("executable")?;
+        let path = path.extract::<Option<String>>()?.unwrap_or_default();
+        if !path.is_empty() {
+            session::Python::is_host(path);
+        }
+        Ok(())
+    }
 }
 
 /// A `ValueError` with any error's sentence.

@@ -4,6 +4,7 @@ use std::ffi::OsString;
 use std::io::{ErrorKind, Read, Write};
 use std::os::unix::process::CommandExt;
 use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::OnceLock;
 use std::sync::mpsc::{self, Receiver};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -33,10 +34,13 @@ if found is None:
     sys.exit(2)
 runpy.run_module('armplane.' + name, run_name='__main__', alter_sys=True)";
 
+/// The interpreter in which this program is a module.
+static HOST: OnceLock<String> = OnceLock::new();
+
 /// Where a module of the package is run.
 pub struct Python {
-    /// The interpreter: the one in this program's folder, if both were installed together,
-    /// otherwise the one in PATH.
+    /// The interpreter: the one in which this program is a module, else the one in this program's
+    /// folder, if both were installed together, otherwise the one in PATH.
     program: String,
     /// PYTHONPATH, where the package lies in the source tree of this program.
     path: Option<OsString>,
@@ -57,6 +61,12 @@ impl Python {
         }
     }
 
+    /// States the interpreter in which this program is a module: its path does not say which environment it runs in.
+    pub fn is_host(interpreter: String) {
+        // Said once: a process has one.
+        let _ = HOST.set(interpreter);
+    }
+
     /// Looks for it beside this program and in the folders above.
     fn find() -> Self {
         let program = std::env::current_exe().unwrap_or_default();
@@ -70,9 +80,10 @@ impl Python {
             let all = std::iter::once(package).chain(others);
             std::env::join_paths(all).unwrap_or_default()
         });
-        let program = match beside.is_file() {
-            true => beside.display().to_string(),
-            false => "python3".to_owned(),
+        let program = match HOST.get() {
+            Some(host) => host.clone(),
+            None if beside.is_file() => beside.display().to_string(),
+            None => "python3".to_owned(),
         };
         Self { program, path }
     }
