@@ -284,7 +284,9 @@ impl Judge {
             .clauses()
             .chain(contact)
             .chain(self.asked.unasked);
-        for clause in clauses.chain(others) {
+        let is_path_reached = outcome == REACHED && self.asked.session_ticks.is_none();
+        let strayed = is_path_reached.then(|| strayed(&task, &self.asked.goal));
+        for clause in strayed.into_iter().flatten().chain(clauses).chain(others) {
             reason.push_str("; ");
             reason.push_str(&clause);
         }
@@ -414,7 +416,10 @@ fn done(
         .then(|| "a contact was harder than asked for".to_owned());
     let missed = missed.map(|bar| bar.told(", allowed"));
     let missed: Vec<String> = force.into_iter().chain(pressed).chain(missed).collect();
-    let kept = ends.iter().filter(|bar| bar.is_judged());
+    // Exactly zero is the error of an axis that the task does not count.
+    let kept = ends
+        .iter()
+        .filter(|bar| bar.is_judged() && bar.value != 0.0);
     let kept: Vec<String> = kept.map(|bar| bar.told(" of")).collect();
     let place = (beyond.ticks > 0).then(|| {
         if beyond.at_end {
@@ -450,6 +455,18 @@ fn done(
     } else {
         (REACHED, kept.join("; "))
     }
+}
+
+/// By how much the hand left the path along ζ on its way, where that is more than it may at the end.
+fn strayed(task: &TaskSummary, goal: &Goal) -> impl Iterator<Item = String> + use<> {
+    let [ends, ..] = bars(task, goal, [0.0; 2]);
+    let along = [task.along_max_mm, task.along_max_deg];
+    let left = ends.into_iter().zip(along);
+    let left = left.filter(|(end, along)| end.is_judged() && !within(*along, end.bound));
+    left.map(|(end, along)| {
+        let unit = end.unit;
+        format!("on its way off by up to {along:.3}{unit} along the singular directions")
+    })
 }
 
 /// The errors at the end, and those along and orthogonal to the singular directions while the arm moved.

@@ -21,10 +21,11 @@ pub struct Control {
     pub k_vq: Option<f64>,
     /// Position gain of the null-space motion along or around ζ; 1/s.
     pub k_aux: f64,
-    /// Largest speed of that null-space motion; rad/s.
+    /// Largest speed of that null-space motion, or of its correction where the path is planned: a plan
+    /// keeps the joints' own limits; rad/s.
     #[serde(deserialize_with = "BySingularity::rate_max")]
     pub aux_rate_max: BySingularity,
-    /// Largest acceleration of that null-space motion; rad/s².
+    /// Largest acceleration of that null-space motion where no plan leads it; rad/s².
     #[serde(deserialize_with = "BySingularity::slew")]
     pub aux_slew: BySingularity,
     /// Slow down the path's clock when joints reach their limits.
