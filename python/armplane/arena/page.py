@@ -74,7 +74,7 @@ def _law_row(rows):
 def why(rows):
     """The measures that runs without S1 and clean torque missed, most frequent first: "orthogonal 20, torque 7"."""
     # S1 has a narrower limit of orientation than what `missed` names, that of S2.
-    missed = rows[~rows.no_run & ~rows.s1].missed.fillna("").replace("", "orientation").str.split(", ").explode()
+    missed = rows[~rows.no_run & ~rows.s1].missed.fillna("").astype(str).replace("", "orientation").str.split(", ").explode()
     steps = pandas.Series("torque step", rows.index[rows.s1 & ~rows.clean])
     found = pandas.concat([rows.outcome[rows.no_run], missed, steps]).value_counts()
     return ", ".join(f"{name} {count}" for name, count in found.items()) or "–"

@@ -97,7 +97,7 @@ def race(scenario, laws, path, settings=None):
     """Runs a scenario under two or more laws, draws errors, joint speeds and the paths of the hand over time, and returns the largest of each."""
     runs = {law: Recorded(scenario, {**(settings or {}), "control.strategy": law, "fault": "[]"}) for law in laws}
     table = pd.DataFrame(
-        {"position_max_mm": run.error_mm.max(), "orientation_max_deg": run.error_deg.max(), "speed_max_ratio": run.vectors("joint.qdot_ratio").max()}
+        {"position_max_mm": run.error_mm.max(), "orientation_max_deg": run.error_deg.max(), "speed_max_ratio": np.abs(run.vectors("joint.qdot_ratio")).max()}
         for run in runs.values()
     ).set_index(pd.Index(runs, name="law"))
     notes = [f"{law}: at most {digits(row.iloc[0])} mm and {digits(row.iloc[1])}° off, joints at {row.iloc[2]:.0%} of their speed" for law, row in table.iterrows()]
