@@ -9,7 +9,7 @@ use launcher::End;
 use session::{Failure, Finished, Place, Request, load};
 use shared_types::job::Mode;
 
-use crate::out::{Form, passed, show_run};
+use crate::out::{Form, passed, show_run, tell};
 use crate::progress::observe;
 
 #[derive(Parser)]
@@ -105,7 +105,16 @@ pub(crate) fn run(args: &RunArgs, form: Form) -> Result<ExitCode, Failure> {
         silence_limit: args.silence_limit,
         unread: crate::out::unread,
     };
-    conclude(session::run(&request, &observe)?, form)
+    let holds_run = |out: &PathBuf| out.join(session::SUMMARY).exists();
+    let replaced = args.out.as_ref().filter(|out| holds_run(out));
+    let finished = session::run(&request, &observe)?;
+    if let Some(out) = replaced {
+        tell(&format_args!(
+            "{}: replaces the run that was there",
+            out.display()
+        ));
+    }
+    conclude(finished, form)
 }
 
 /// Prints the results of a run; the exit code.

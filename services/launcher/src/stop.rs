@@ -17,8 +17,9 @@ use crate::spawn::{BEAT, Slot, Supervised};
 /// A program that has not joined the run by then is stopped by signals.
 const TO_JOIN: Duration = Duration::from_secs(1);
 
-/// The end of a process by the launcher's own hand.
+/// The ends of a process by the launcher's own hand.
 const KILLED: Exit = Exit::Signal(Signal::KILL.as_raw());
+const TERMINATED: Exit = Exit::Signal(Signal::TERM.as_raw());
 
 /// How some of the processes are stopped.
 struct Ending {
@@ -91,10 +92,13 @@ impl Supervised {
 
     /// Whether the unrequested end of a process at the end of a run is not its failure: the run is
     /// complete and it had nothing more to do, or it is a polled process, killed by a signal that the
-    /// launcher did not send; `insists`: the launcher sent one.
+    /// launcher did not send; `insists`: the launcher sent one, by which a process of the chain that was slow to end may do so.
     fn is_excused(&mut self, index: usize, is_complete: bool, insists: bool) -> bool {
         let (exit, child) = (self.slots.0[index].exit, &self.plan.children[index]);
         let (is_polled, is_killed) = (child.process.polled, matches!(exit, Some(Exit::Signal(_))));
+        if is_complete && insists && !is_polled && exit == Some(TERMINATED) {
+            return true;
+        }
         if self.plan.mode == Mode::Lockstep {
             let is_excused =
                 !insists && (is_complete && is_polled || is_killed && (is_complete || is_polled));

@@ -96,7 +96,7 @@ fn too_late(scenario: &Scenario, summary: &Summary) -> String {
     match late.is_empty() {
         true => String::new(),
         false => format!(
-            "the run ended at {end_s} s, before this: {}",
+            "the run ended at {end_s:.3} s, before this: {}",
             late.join(", ")
         ),
     }
