@@ -215,8 +215,9 @@ fn is_last(death: &Death, earlier: &[Death], begin: u64, restart: Restart) -> bo
     let is_same = |one: &Death| (&one.process, one.tick, one.exit) == (process, *tick, *exit);
     // All that die before their first tick die at the same one, whenever and whatever for.
     let is_telling = !is_signal || *tick > begin;
-    exit.is_own()
-        && (restart == Restart::Never && !is_signal || is_telling && earlier.iter().any(is_same))
+    // What ends by itself before its first answer would read the same again.
+    let is_sure = !is_signal && (restart == Restart::Never || *tick == 0);
+    exit.is_own() && (is_sure || is_telling && earlier.iter().any(is_same))
 }
 
 impl Course {
@@ -289,6 +290,8 @@ mod tests {
             (error, 1420, None, always, false),
             (error, 1420, None, Restart::Never, true),
             (kill, 1420, Some(1420), Restart::Never, false),
+            (error, 0, None, always, true),
+            (crash, 0, None, always, false),
         ] {
             let earlier: Vec<_> = earlier.map(|tick| death(tick, exit)).into_iter().collect();
             let found = is_last(&death(tick, exit), &earlier, 1000, restart);

@@ -48,8 +48,8 @@ impl fmt::Display for RunText<'_> {
         if let Some(from) = &summary.of.from {
             writeln!(f, "from       {from}")?;
         }
-        // A run without a tick has no numbers.
-        if summary.ticks > 0 {
+        // A run that ended before its first answer has no numbers.
+        if summary.ticks > 1 {
             errors(f, summary)?;
             loads(f, summary, is_long)?;
             if let Some(force) = &summary.task.force {
@@ -83,12 +83,16 @@ fn errors(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
         number(digits(task.orthogonal_max_mm)),
         number(digits(task.final_position_mm)),
     ]);
-    rows.add_row([
-        "orientation, °".into(),
-        number(digits(task.orientation_max_deg)),
-        number(digits(task.orthogonal_max_deg)),
-        number(digits(task.final_orientation_deg)),
-    ]);
+    // Exactly zero is the error of axes that the task does not count.
+    let turned = [
+        task.orientation_max_deg,
+        task.orthogonal_max_deg,
+        task.final_orientation_deg,
+    ];
+    if turned != [0.0; 3] {
+        let [largest, orthogonal, at_end] = turned.map(|deg| number(digits(deg)));
+        rows.add_row(["orientation, °".into(), largest, orthogonal, at_end]);
+    }
     // Without rules: the results are to fit a small terminal together with the verdict.
     rows.lines(WIDTH, false)
         .0
