@@ -61,7 +61,7 @@ pub fn run_under_faults(
     sink: &mut dyn FnMut(usize, &[u8]),
 ) -> Result<Option<String>, Refused> {
     let mut thread = thread(robot, scenario, planned_faults(scenario)?, |_| true)?;
-    possible(thread.obstacle())?;
+    possible(&thread)?;
     let mut tick = Tick::default();
     loop {
         match thread.tick(&mut tick, sink) {

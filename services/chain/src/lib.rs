@@ -94,9 +94,12 @@ impl Chain {
         self.0.tick(tick, &mut |_, _| ()).unwrap_or(false)
     }
 
-    /// Why the path cannot be followed, found before the first tick, in words.
-    pub fn obstacle(&self) -> Option<&str> {
-        self.0.obstacle()
+    /// Refuses a path that cannot be followed, as is found before the first tick.
+    ///
+    /// # Errors
+    /// [`Refused`] with the reason in words.
+    pub fn possible(&self) -> Result<(), Refused> {
+        possible(&self.0)
     }
 
     /// A goal beyond reach, found before the first tick, in words.
@@ -129,9 +132,10 @@ pub fn without_faults(scenario: &Scenario) -> Scenario {
     }
 }
 
-/// Refuses a path with an obstacle.
-fn possible(obstacle: Option<&str>) -> Result<(), Refused> {
-    obstacle.map_or(Ok(()), |why| Err(Refused::because(why)))
+/// See [`Chain::possible`].
+fn possible(thread: &Thread) -> Result<(), Refused> {
+    let obstacle = thread.obstacle().map(Refused::because);
+    obstacle.map_or(Ok(()), Err)
 }
 
 /// Runs a scenario to its end, handing each tick to `each`.
@@ -140,7 +144,7 @@ fn possible(obstacle: Option<&str>) -> Result<(), Refused> {
 /// See [`Chain::new`], and [`Refused`] where its path cannot be followed.
 pub fn run(robot: &Robot, scenario: &Scenario, mut each: impl FnMut(&Tick)) -> Result<(), Refused> {
     let (mut chain, mut tick) = (Chain::new(robot, scenario)?, Tick::default());
-    possible(chain.obstacle())?;
+    chain.possible()?;
     while chain.step(&mut tick) {
         each(&tick);
     }
@@ -199,7 +203,7 @@ pub fn first_tick(robot: &Robot, scenario: &Scenario) -> Result<Tick, Refused> {
 /// [`Refused`] if a cycle does not accept the robot or the scenario, or the control law refuses the first tick.
 pub fn try_first_tick(robot: &Robot, scenario: &Scenario) -> Result<Option<String>, Refused> {
     let mut chain = Chain::new(robot, &without_faults(scenario))?;
-    possible(chain.obstacle())?;
+    chain.possible()?;
     let mut first = Tick::default();
     let _ = chain.step(&mut first);
     match first.torque.phase {

@@ -160,17 +160,17 @@ impl<const N: usize> Controller<N> {
             q_start: &q_start,
             postures: setup.postures.goals(),
         };
-        let rehearsed = Cell::new(None);
+        let begun = State::begin(&rest, q_start, setup.model.effort());
+        let rehearsed = Cell::new(begun);
         let is_followed = || {
-            rehearsed.set(rehearsal::followed(&setup, &fresh, q_start));
-            rehearsed.get().is_some()
+            let state = rehearsal::followed(&setup, &fresh, q_start, &report, begun);
+            state.map(|state| rehearsed.set(state)).is_some()
         };
         let found = task.route_ahead(&is_followed);
         let obstacle = found.as_ref().err().cloned().or(too_strong);
         setup.guide = Guide::new(found.ok().flatten(), legs);
         setup.postures.stay(setup.guide.beyond_reach());
-        let begun = || State::begin(&rest, q_start, setup.model.effort());
-        let mut state = rehearsed.get().unwrap_or_else(begun);
+        let mut state = rehearsed.get();
         state.clock.rate = setup.guide.first_speed();
         if obstacle.is_some() {
             state.refusal = Refusal::Route;

@@ -269,12 +269,9 @@ impl<const N: usize> GroundTruth for Truth<N> {
             let way = one.zeta_B.fixed_rows::<3>(0).dot(&error.fixed_rows::<3>(0));
             let way = if *turned { -way } else { way };
             // ζ points outwards at a fold. That of an elbow keeps its way where the arm is folded up, whose boundary is inwards.
-            let outwards = match one.kind {
-                Kind::Elbow => libm::cos(one.aux),
-                _ => 1.0,
-            };
-            let is_outwards = match one.class {
-                Class::Type1 => way * outwards > 0.0,
+            let is_outwards = match (one.class, one.kind) {
+                (Class::Type1, Kind::Elbow) => way * libm::cos(one.aux) > 0.0,
+                (Class::Type1, _) => way > 0.0,
                 // Of both curvatures, or of one that is known elsewhere alone: the boundary may lie either way.
                 _ => way != 0.0,
             };

@@ -1,12 +1,14 @@
 //! Shared by tests: arms, random postures, and a step of exact dynamics.
 
 use crate::centre::AtCentre;
+use crate::controller::Controller;
 use crate::singularity::analyzer::Analyzer;
-use crate::tick::Now;
-use crate::types::Report;
-use model::{Factors, Model, Robot};
+use crate::tick::{Inputs, Now};
+use crate::types::{Command, Report};
+use model::{Factors, Model, Robot, Terms};
 use nalgebra::{SVector, Vector3};
 use proptest::prelude::*;
+use shared_types::TargetContent;
 use shared_types::scenario::{Analysis, Scenario};
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
@@ -91,6 +93,27 @@ pub(crate) fn posture<const N: usize>(model: &Model<N>) -> impl Strategy<Value =
 /// A report of an arm that is nowhere singular.
 pub(crate) fn empty_report<const N: usize>() -> Report<N> {
     Report::unexamined(1.0, Vector3::zeros())
+}
+
+/// The command for an arm on which nothing acts that the model does not explain.
+pub(crate) fn undisturbed<const N: usize>(
+    controller: &mut Controller<N>,
+    tick: u64,
+    [q, qdot]: [&SVector<f64, N>; 2],
+    report: &Report<N>,
+    terms: Option<&Terms<N>>,
+    target: Option<&TargetContent>,
+) -> Command<N> {
+    controller.step(&Inputs {
+        tick,
+        q,
+        qdot,
+        tau_disturbance: &SVector::zeros(),
+        wrist_n: None,
+        report,
+        terms,
+        target,
+    })
 }
 
 /// A scenario file of the product.

@@ -187,6 +187,16 @@ impl<const N: usize> Singularity<N> {
         }
     }
 
+    /// The coordinate whose sign is the side of a lock. An elbow's s_i has the same sign on both sides of some arms' folds; its own coordinate has not.
+    #[must_use]
+    #[inline]
+    pub fn across(&self) -> f64 {
+        match self.class {
+            Class::Type1 => self.aux,
+            _ => self.s,
+        }
+    }
+
     /// Its neighbourhood.
     #[must_use]
     #[inline]

@@ -215,7 +215,7 @@ fn is_last(death: &Death, earlier: &[Death], begin: u64, restart: Restart) -> bo
     let is_same = |one: &Death| (&one.process, one.tick, one.exit) == (process, *tick, *exit);
     // All that die before their first tick die at the same one, whenever and whatever for.
     let is_telling = !is_signal || *tick > begin;
-    // What ends by itself before its first answer would read the same again.
+    // A program that ends by itself before its first answer would read the same again.
     let is_sure = !is_signal && (restart == Restart::Never || *tick == 0);
     exit.is_own() && (is_sure || is_telling && earlier.iter().any(is_same))
 }

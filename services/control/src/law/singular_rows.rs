@@ -296,9 +296,7 @@ fn by_type<const N: usize>(
 ) -> Target {
     let (family, memory) = (&setup.family, &mut state.loops[place].memory);
     if memory.side == 0.0 {
-        // An elbow's s_i has the same sign on both sides of some arms' folds; its coordinate has not.
-        let side = if s.class == Class::Type1 { s.aux } else { s.s };
-        memory.side = sign(side >= 0.0);
+        memory.side = sign(s.across() >= 0.0);
     }
     match s.class {
         Class::Type1 => family.fold(s, at).map_or_else(

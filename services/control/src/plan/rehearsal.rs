@@ -10,8 +10,9 @@ use crate::reference::path::Leg;
 use crate::singularity::analyzer::Analyzer;
 use crate::state::State;
 use crate::tick::{Inputs, act};
-use crate::types::{Class, Phase, Refusal};
+use crate::types::{Phase, Refusal, Report};
 use nalgebra::{SVector, Vector6};
+use std::iter;
 
 /// Most ticks: about 1 s of computing.
 const TICKS: f64 = 60_000.0;
@@ -24,28 +25,28 @@ const CLEAR: f64 = 0.02;
 /// Most of the path's own time.
 const IN_TIME: f64 = 1.005;
 
-/// The state in which the law, without a plan, follows the whole path of `setup` from rest in `q`; `None` where it does not.
+/// The state in which the law, without a plan, follows the whole path of `setup` from rest in `q`: the one that has `begun`, on the side of each lock in the
+/// `report` of `q` on which it does. `None` where it does on neither.
 pub(crate) fn followed<const N: usize>(
     setup: &Setup<N>,
     analyzer: &Analyzer<N>,
     q: SVector<f64, N>,
+    report: &Report<N>,
+    begun: State<N>,
 ) -> Option<State<N>> {
-    let rest = setup.model.evaluate(&q, &SVector::zeros());
-    let begun = State::begin(&rest, q, setup.model.effort());
-    let report = analyzer.clone().step(&q, &SVector::zeros(), &rest);
-    let (mut sides, mut is_open) = ([begun, begun], false);
-    for (place, s) in report.listed().iter().enumerate() {
-        let coordinate = if s.class == Class::Type1 { s.aux } else { s.s };
-        if s.inside && coordinate.abs() < SIDE_CHANGE {
-            is_open = true;
-            let side = sign(coordinate >= 0.0);
-            sides[0].loops[place].memory.side = side;
-            sides[1].loops[place].memory.side = -side;
+    let on_side = |own: f64| {
+        let mut state = begun;
+        for (one, s) in state.loops.iter_mut().zip(report.listed()) {
+            if s.inside && s.across().abs() < SIDE_CHANGE {
+                one.memory.side = own * sign(s.across() >= 0.0);
+            }
         }
-    }
-    let count = if is_open { 2 } else { 1 };
-    let mut sides = sides.into_iter().take(count);
-    sides.find(|begun| is_followed(setup, analyzer.clone(), q, *begun))
+        state
+    };
+    let (own, other) = (on_side(1.0), on_side(-1.0));
+    let sides = iter::once(own).chain((other != own).then_some(other));
+    let mut sides = sides.filter(|state| is_followed(setup, analyzer.clone(), q, *state));
+    sides.next()
 }
 
 /// Whether the law does so from the state that has `begun`.

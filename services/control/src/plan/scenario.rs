@@ -209,7 +209,7 @@ fn too_near<const N: usize>(robot: &Robot, q: &SVector<f64, N>) -> Option<String
     let joint = (0..robot.dof()).find(|i| room(*i) < START_CLEAR)?;
     let Joint { name, kind, .. } = &robot.joints[joint];
     let [unit, _] = kind.units();
-    // What is printed must do, so that it is rounded up.
+    // The printed margin must do: it is rounded up.
     let least = (kind.shown(START_CLEAR) * 1e3).ceil() * 1e-3;
     Some(format!(
         "joint {} ({name}) starts {:.3}{unit} from its limit, where noise takes it beyond: start at least {least:.3}{unit} from it",

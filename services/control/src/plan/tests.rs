@@ -3,8 +3,7 @@
 use super::*;
 use crate::reference::path::Path;
 use crate::singularity::analyzer::Analyzer;
-use crate::testing::{rk4, robot};
-use crate::tick::Inputs;
+use crate::testing::{rk4, robot, undisturbed};
 use crate::types::Refusal;
 use model::Robot;
 use shared_types::scenario::Scenario;
@@ -135,23 +134,17 @@ fn noise_does_not_choose_the_side_on_which_a_lock_is_left() {
     let q_start = crate::start_posture::<7>(&robot, &scenario).unwrap();
     for noise in [1e-5, -1e-5] {
         let model = Model::<7>::new(&robot, None).unwrap();
-        let mut controller = crate::Controller::new(model, &robot, &scenario, q_start).unwrap();
-        let mut analyzer = Analyzer::new(&robot, &scenario.analysis);
-        let model = Model::<7>::new(&robot, None).unwrap();
+        let controller = crate::Controller::new(model.clone(), &robot, &scenario, q_start);
+        let (mut controller, mut analyzer) = (
+            controller.unwrap(),
+            Analyzer::new(&robot, &scenario.analysis),
+        );
         let (mut q, mut qdot) = (q_start, SVector::zeros());
         q[3] += noise;
         for tick in 0..2000 {
             let terms = model.evaluate(&q, &qdot);
-            let command = controller.step(&Inputs {
-                tick,
-                q: &q,
-                qdot: &qdot,
-                tau_disturbance: &SVector::zeros(),
-                wrist_n: None,
-                report: &analyzer.step(&q, &qdot, &terms),
-                terms: Some(&terms),
-                target: None,
-            });
+            let (at, report) = ([&q, &qdot], analyzer.step(&q, &qdot, &terms));
+            let command = undisturbed(&mut controller, tick, at, &report, Some(&terms), None);
             assert_eq!(command.refusal, Refusal::None, "tick {tick}: {q}");
             (q, qdot) = rk4(&model, &q, &qdot, &command.tau, 1e-3);
         }

@@ -1,6 +1,6 @@
 //! The controller as a whole: restarts and refusals.
 
-use crate::testing::{puma, rk4, robot, scenario};
+use crate::testing::{puma, rk4, robot, scenario, undisturbed};
 use crate::types::{Command, Phase, Refusal, Report};
 use crate::{Analyzer, Controller, Inputs, start_posture};
 use model::{Model, Robot, Terms};
@@ -8,23 +8,14 @@ use nalgebra::{SVector, Vector3};
 use shared_types::scenario::Scenario;
 use shared_types::{AnalyzerCheckpoint, ControllerCheckpoint};
 
-/// The command for a state without disturbance.
+/// The command at any tick.
 fn step(
     controller: &mut Controller<6>,
-    [q, qdot]: [&SVector<f64, 6>; 2],
+    state: [&SVector<f64, 6>; 2],
     report: &Report<6>,
     terms: Option<&Terms<6>>,
 ) -> Command<6> {
-    controller.step(&Inputs {
-        tick: 0,
-        q,
-        qdot,
-        tau_disturbance: &SVector::zeros(),
-        wrist_n: None,
-        report,
-        terms,
-        target: None,
-    })
+    undisturbed(controller, 0, state, report, terms, None)
 }
 
 fn figure_5() -> (Scenario, Controller<6>, Analyzer<6>, SVector<f64, 6>) {

@@ -1,8 +1,8 @@
 //! The reference arm of a steered run in closed loop: random targets, and an arm that follows it exactly.
 
-use crate::testing::robot;
+use crate::testing::{robot, undisturbed};
 use crate::types::Phase;
-use crate::{Analyzer, Controller, Inputs, start_posture};
+use crate::{Analyzer, Controller, start_posture};
 use model::Model;
 use nalgebra::{Rotation3, SVector, UnitQuaternion};
 use proptest::prelude::*;
@@ -81,16 +81,8 @@ fn steer<const N: usize>(
         }
         for _ in 0..*ticks {
             let report = analyzer.step(&q, &qdot, &model.evaluate(&q, &qdot));
-            let command = controller.step(&Inputs {
-                tick,
-                q: &q,
-                qdot: &qdot,
-                tau_disturbance: &SVector::zeros(),
-                wrist_n: None,
-                report: &report,
-                terms: None,
-                target: Some(&target),
-            });
+            let at = [&q, &qdot];
+            let command = undisturbed(&mut controller, tick, at, &report, None, Some(&target));
             state = command.session.unwrap_or_default();
             let reference = controller.state.targets;
             prop_assert!(
@@ -414,16 +406,9 @@ fn poses_of_a_joint_path(name: &str, from: [f64; 7], to: [f64; 7], time_s: f64) 
             ..Default::default()
         };
         let terms = model.evaluate(&q, &qdot);
-        let command = controller.step(&Inputs {
-            tick,
-            q: &q,
-            qdot: &qdot,
-            tau_disturbance: &SVector::zeros(),
-            wrist_n: None,
-            report: &analyzer.step(&q, &qdot, &terms),
-            terms: Some(&terms),
-            target: Some(&target),
-        });
+        let (at, report) = ([&q, &qdot], analyzer.step(&q, &qdot, &terms));
+        let (terms_at, asked_of) = (Some(&terms), Some(&target));
+        let command = undisturbed(&mut controller, tick, at, &report, terms_at, asked_of);
         let off = (asked.X_BE.p - terms.X_BE.p).norm();
         let is_said = command.session.unwrap().reason == REASON_FOLLOWING;
         (farthest, untrue) = (

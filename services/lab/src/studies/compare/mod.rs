@@ -322,9 +322,7 @@ fn run(robot: &Robot, law: &Law, graph: Option<&Graph>, task: &Drawn, plans: boo
 
 /// Plans as a run does, and leaves it at that.
 fn planned(robot: &Robot, scenario: &Scenario) -> Result<(), Refused> {
-    let chain = chain::Chain::new(robot, scenario)?;
-    let obstacle = chain.obstacle().map(Refused::because);
-    obstacle.map_or(Ok(()), Err)
+    chain::Chain::new(robot, scenario)?.possible()
 }
 
 fn outcome(row: &Row) -> Outcome {
