@@ -16,7 +16,7 @@ def trial(scenario, settings=None, faults=None, seed=None):
     `seed` replaces its seed. If the law or the arm refuses the scenario, the row has only `outcome` ("refused") and `reason`. Raises ValueError if the
     scenario or a setting is invalid.
     """
-    return json.loads(_armplane.run_trial(str(scenario), _settings(settings, faults), seed))
+    return json.loads(_armplane.run_trial(str(scenario), _settings(settings, faults), _whole("seed", seed)))
 
 
 def trace(scenario, settings=None, faults=None, seed=None):
@@ -25,7 +25,7 @@ def trace(scenario, settings=None, faults=None, seed=None):
         from pyarrow import ipc
     except ImportError as error:
         raise ImportError(f"{error}: pip install 'armplane[experiments]'") from error
-    return ipc.open_stream(_armplane.trace_trial(str(scenario), _settings(settings, faults), seed)).read_all()
+    return ipc.open_stream(_armplane.trace_trial(str(scenario), _settings(settings, faults), _whole("seed", seed))).read_all()
 
 
 def lines(robot, count, seed=1, kind="one", *, speed=0.28, settings=None):
@@ -36,17 +36,23 @@ def lines(robot, count, seed=1, kind="one", *, speed=0.28, settings=None):
     """
     if kind not in ("one", "two", "near"):
         raise ValueError(f"kind is {kind!r}: it must be 'one', 'two' or 'near'")
-    return json.loads(_armplane.draw_lines(str(robot), kind, count, seed, speed, _settings(settings)))
+    return json.loads(_armplane.draw_lines(str(robot), kind, _whole("count", count), _whole("seed", seed), speed, _settings(settings)))
 
 
 def twists(robot, seed=1, seconds=60.0):
     """A scenario that steers an arm by random twists, every 1 to 3 s another one, up to 0.25 m/s and 0.6 rad/s; `trial` takes it."""
-    return _armplane.random_twists(str(robot), seed, float(seconds))
+    return _armplane.random_twists(str(robot), _whole("seed", seed), float(seconds))
 
 
 def laws(all=False):
     """The names of the control laws that follow paths, the paper's first; with `all`, those for steering only, too."""
     return [name for name, follows in _armplane.law_names() if follows or all]
+
+
+def _whole(name, value):
+    if value is not None and (int(value) != value or not 0 <= value < 2**63):
+        raise ValueError(f"{name} = {value}: give a whole number from 0")
+    return value
 
 
 def _settings(settings, faults=None):

@@ -116,13 +116,7 @@ impl Complaint {
             is_within(key, &self.path) || is_within(&self.path, key)
         };
         match settings.iter().rev().find(concerns) {
-            Some(setting) => InvalidFile {
-                file: format!("--set {setting}"),
-                text: String::new(),
-                span: None,
-                message: self.message,
-                remedy: self.remedy,
-            },
+            Some(setting) => of_setting(setting, (self.message, self.remedy)),
             None => self.locate(file, text),
         }
     }
@@ -169,27 +163,28 @@ pub fn parse<T: DeserializeOwned>(
         return toml::from_str(text).map_err(invalid);
     }
     let mut table: toml::Table = toml::from_str(text).map_err(invalid)?;
-    for setting in settings {
-        lay_over(&mut table, setting).map_err(|(message, remedy)| InvalidFile {
-            file: format!("--set {setting}"),
-            text: String::new(),
-            span: None,
-            message,
-            remedy,
-        })?;
-    }
     // The original text is checked first, so that its own errors keep their lines.
-    toml::from_str::<T>(text).map_err(invalid)?;
-    table.try_into().map_err(|error: toml::de::Error| {
-        let (message, remedy) = explain(error.message());
-        InvalidFile {
-            file: format!("--set {}", settings.join(" --set ")),
-            text: String::new(),
-            span: None,
-            message,
-            remedy,
-        }
-    })
+    let mut made = Ok(toml::from_str(text).map_err(invalid)?);
+    for setting in settings {
+        lay_over(&mut table, setting).map_err(|reason| of_setting(setting, reason))?;
+        made = match (made, table.clone().try_into::<T>()) {
+            (_, Ok(fits)) => Ok(fits),
+            (Ok(_), Err(error)) => Err(of_setting(setting, explain(error.message()))),
+            // The first one since which it does not fit is to blame.
+            (Err(first), Err(_)) => Err(first),
+        };
+    }
+    made
+}
+
+fn of_setting(setting: &str, (message, remedy): (String, String)) -> InvalidFile {
+    InvalidFile {
+        file: format!("setting {setting}"),
+        text: String::new(),
+        span: None,
+        message,
+        remedy,
+    }
 }
 
 fn lay_over(table: &mut toml::Table, setting: &str) -> Result<(), (String, String)> {
@@ -425,7 +420,7 @@ mod tests {
     fn a_wrong_setting_is_refused_by_name() {
         for setting in ["control.kp=1.0", "segment.3.duration_s=1", "seed"] {
             let error = parse::<Scenario>("a.toml", TEXT, &[setting.to_owned()]).unwrap_err();
-            assert_eq!(error.file, format!("--set {setting}"));
+            assert_eq!(error.file, format!("setting {setting}"));
         }
     }
 
@@ -449,7 +444,7 @@ mod tests {
             complaint.locate_with("a.toml", TEXT, &settings).file
         };
         let places = ["segment.0.duration_s", "segment.0", "segment.1.duration_s"].map(place);
-        let last = "--set segment.0.duration_s=-1";
+        let last = "setting segment.0.duration_s=-1";
         assert_eq!(places, [last, last, "a.toml"]);
     }
 }

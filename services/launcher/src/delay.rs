@@ -20,7 +20,7 @@ impl std::fmt::Display for Delay {
         f.write_str(match self {
             Self::Stopped => "is stopped (SIGSTOP): waiting",
             Self::Traced => "is held by a debugger: waiting",
-            Self::NotReady => "is not ready for the first tick: waiting (Ctrl-C ends the run, `--silence-limit SECONDS` limits the wait)",
+            Self::NotReady => "is still starting, and the first tick waits for it (Ctrl-C ends the run, `--silence-limit SECONDS` limits the wait)",
             Self::Behind => "has not finished the current tick: waiting",
             Self::NotStopped => "was asked to stop and still runs: waiting (Ctrl-C kills it)",
         })

@@ -1,10 +1,12 @@
 //! An arm: its description, and at a posture its kinematics, dynamics and singularities.
 
 use std::collections::BTreeMap;
+use std::f64::consts::TAU;
 use std::path::PathBuf;
 
-use model::{Joint, Refused, Robot, RobotText, description};
+use model::{Joint, JointKind, Refused, Robot, RobotText, description};
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyUntypedArrayMethods};
+use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
 use shared_types::{SingularityReport, SingularityState, codes};
 
@@ -82,6 +84,37 @@ impl Arm {
             ..source
         };
         Self::new(texts.py(), arm::Arm::parse(&source, tip))
+    }
+
+    /// A number of each joint.
+    fn finite(&self, name: &str, given: &Bound<'_, PyAny>) -> PyResult<Vec<f64>> {
+        let values = numbers(name, given, &[], &[&[self.dof]])?
+            .as_slice()?
+            .to_vec();
+        if arm::is_finite(&values) {
+            return Ok(values);
+        }
+        Err(refused(format!(
+            "{name} = {values:?} has a number that is not finite"
+        )))
+    }
+
+    /// Says so where a turning joint is over a turn beyond its limits.
+    fn warn_of_degrees(&self, py: Python<'_>, q: &[f64]) -> PyResult<()> {
+        let mut joints = self.inner.robot().joints.iter().zip(q);
+        let is_far = |(joint, q): &(&Joint, &f64)| {
+            joint.kind == JointKind::Revolute
+                && !(joint.lower - TAU..=joint.upper + TAU).contains(*q)
+        };
+        let Some((joint, q)) = joints.find(is_far) else {
+            return Ok(());
+        };
+        let text = format!(
+            "joint '{}' at {q} rad is over a turn beyond its limits, {:.2} to {:.2} rad: is it in degrees?",
+            joint.name, joint.lower, joint.upper
+        );
+        let text = std::ffi::CString::new(text).map_err(refused)?;
+        PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 1)
     }
 
     /// The analysis of each row of `q` by itself, at rest. A row that is not finite has no singularities, and NaN.
@@ -173,11 +206,9 @@ impl Arm {
         qdot: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Posture> {
         let n = self.dof;
-        let values = |name, given| -> PyResult<Vec<f64>> {
-            Ok(numbers(name, given, &[], &[&[n]])?.as_slice()?.to_vec())
-        };
-        let q = values("q", q)?;
-        let qdot = qdot.map_or_else(|| Ok(vec![0.0; n]), |qdot| values("qdot", qdot))?;
+        let q = self.finite("q", q)?;
+        let qdot = qdot.map_or_else(|| Ok(vec![0.0; n]), |qdot| self.finite("qdot", qdot))?;
+        self.warn_of_degrees(py, &q)?;
         let at = self.inner.at(&q, &qdot);
         Ok(Posture {
             pose: matrix(py, [4, 4], &at.pose)?,
@@ -193,15 +224,9 @@ impl Arm {
 
     /// The singularities of the arm at `q`, shape (n,), rad, each with its measure; the same analysis as that of the process `analyzer` at its first tick.
     fn singularities(&self, py: Python<'_>, q: &Bound<'_, PyAny>) -> PyResult<Vec<Singularity>> {
-        let n = self.dof;
-        let q = numbers("q", q, &[], &[&[n]])?;
-        let (q, mut report) = (q.as_slice()?, SingularityReport::default());
-        if !arm::is_finite(q) {
-            return Err(refused(format!(
-                "q = {q:?} has a number that is not finite"
-            )));
-        }
-        self.analyse(q, std::slice::from_mut(&mut report));
+        let (q, mut report) = (self.finite("q", q)?, SingularityReport::default());
+        self.warn_of_degrees(py, &q)?;
+        self.analyse(&q, std::slice::from_mut(&mut report));
         let listed = report.listed().iter().enumerate();
         Ok(listed
             .map(|(place, one)| Singularity::new(py, place, one))

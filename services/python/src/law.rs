@@ -221,8 +221,15 @@ impl LawState {
 impl LawState {
     fn __repr__(&self) -> String {
         let (tick, phase, reason) = (self.tick, self.phase, &self.reason);
+        let targets = match self.targets_refused {
+            0 => String::new(),
+            count => format!(
+                "; targets refused: {count}, the last: {}",
+                self.target_refusal
+            ),
+        };
         format!(
-            "LawState(tick {tick}, {phase}: {reason}; mode {:?}, beta {:?})",
+            "LawState(tick {tick}, {phase}: {reason}{targets}; mode {:?}, beta {:?})",
             self.mode, self.beta
         )
     }

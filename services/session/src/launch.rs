@@ -88,7 +88,7 @@ pub fn launch(
     launched
 }
 
-/// `plant ended with signal 9 (SIGKILL) at tick 1200: all processes start again from tick 1000 (0.1 s lost)`.
+/// `plant ended with signal 9 (SIGKILL) at tick 1200: all processes repeat the ticks from 1000 on, in 0.1 s`.
 fn rolled_back(deaths: &[Death], from: u64) -> String {
     let ends = deaths
         .iter()
@@ -98,7 +98,7 @@ fn rolled_back(deaths: &[Death], from: u64) -> String {
         deaths.iter().filter_map(|death| death.again).max(),
     );
     format!(
-        "{} at tick {}: all processes start again from tick {from} ({:.1} s lost)",
+        "{} at tick {}: all processes repeat the ticks from {from} on, in {:.1} s",
         ends.collect::<Vec<_>>().join(" and "),
         tick.unwrap_or_default(),
         lost.unwrap_or_default().1.as_secs_f64()

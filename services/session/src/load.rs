@@ -368,7 +368,7 @@ fn misplaced(setting: &str) -> Option<Failure> {
     let is_lost = !sections.contains_key(key) && !places.is_empty();
     is_lost.then(|| {
         let places = places.join("` or `");
-        Failure::Input(format!("--set {setting}: did you mean `{places}`?"))
+        Failure::Input(format!("setting {setting}: did you mean `{places}`?"))
     })
 }
 

@@ -149,7 +149,7 @@ impl Start {
             given == 1,
             "start",
             format!("the start posture is given {given} times"),
-            "give one of q, q_deg, posture",
+            "give one of q, q_deg, posture; a setting replaces all of them as start={q_deg = [0, 90]}",
         )?;
         for (name, values) in [("q_deg", q_deg), ("q", q)] {
             let wrong = values.iter().flatten().position(|value| !value.is_finite());

@@ -330,7 +330,7 @@ impl JointMeter {
             format!("the estimate was set aside for {rejected_estimate_ticks} ticks, because no torque within the limits moves the arm so")
         });
         let braked = self.braked.map(|[first, ticks]| {
-            format!("the drives braked and held the arm for {ticks} ticks from tick {first} on")
+            format!("without fresh torque, the drives held and braked the arm for {ticks} ticks from tick {first} on")
         });
         braked
             .into_iter()

@@ -52,7 +52,7 @@ pub(super) fn verdicts(rows: &[Row]) -> Vec<String> {
 /// Conditions of S2 by their codes, as people read them.
 const CONDITIONS: [(&str, &str); 9] = [
     ("stopped", "stopped before the end"),
-    ("task", "a segment undone"),
+    ("task", "a segment not completed"),
     ("joint stop", "a joint at its stop"),
     ("end", "off the goal"),
     ("beyond", "a path beyond reach"),
