@@ -329,7 +329,7 @@ def test_a_killed_controller_is_replaced(play):
     page = one.open()
     one.go(page, "start")
     _press(page.get_by_role("button", name="kill controller"))
-    page.get_by_text("was started again").wait_for(state="attached")
+    page.get_by_text("SIGKILL").wait_for(state="attached")
     before = np.array(one.until(page, lambda _: True)["hand"])
     one.drag(page, [(0, -5 * k) for k in range(20)], lambda state: norm(np.array(state["hand"]) - before) > 0.005)
     # Killed with its browser open, the page leaves nothing behind, as the fixture checks.
