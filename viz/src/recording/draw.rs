@@ -8,6 +8,7 @@ use re_sdk_types::archetypes::{
 };
 use re_sdk_types::components::{FillMode, Radius};
 use re_sdk_types::datatypes::Quaternion;
+use re_sdk_types::{AsComponents, SerializedComponentBatch};
 use shared_types::messages::SingularityState;
 
 use super::{Recording, Track};
@@ -84,18 +85,17 @@ impl Recording<'_> {
     /// The parts that stand in the picture from the beginning.
     pub(super) fn write_arm(&mut self) {
         let body = &self.run.body;
-        self.write_parts(None, "/world/arm/base", &placed(body.of(None)), None);
+        self.write_parts("/world/arm/base", body.of(None), None);
         for i in 0..body.links {
-            let parts = placed(body.of(Some(i)));
-            self.write_parts(None, &entity::link(entity::LINK, i), &parts, None);
+            self.write_parts(&entity::link(entity::LINK, i), body.of(Some(i)), None);
             if self.run.rival.is_some() {
                 let red = Some(0xff50468c);
-                self.write_parts(None, &entity::link(RIVAL, i), &parts, red);
+                self.write_parts(&entity::link(RIVAL, i), body.of(Some(i)), red);
             }
         }
         let surfaces = self.run.job.scenario.plant.surface.iter();
         let surfaces: Vec<_> = surfaces.map(|one| Part::surface(one, body.reach)).collect();
-        self.write_parts(None, "/world/surface", &placed(surfaces.iter()), None);
+        self.write_parts("/world/surface", surfaces.iter(), None);
         let size = 0.11 * body.reach;
         let hand = arrows(axes(size), 0xe8ecf4ff, 0.03 * size);
         self.sink.log_static(entity::HAND, &hand);
@@ -111,109 +111,52 @@ impl Recording<'_> {
         }
     }
 
-    /// Parts at places, each in its colour or all in one tint: static, or from a tick on in place of those before. A mesh is large: it is written
-    /// once, then its places.
-    fn write_parts(
+    /// Parts that stay in the frame of their link, each in its colour or all in one tint.
+    fn write_parts<'p>(
         &mut self,
-        tick: Option<u64>,
         path: &str,
-        all: &[(&Part, Placement)],
+        parts: impl Iterator<Item = &'p Part>,
         tint: Option<Rgba>,
     ) {
-        let size = if tint.is_some() { INWARDS } else { 1.0 };
-        let of = |sizes: fn(&Form) -> Option<[f32; 3]>| -> Vec<([f32; 3], &Placement, Rgba)> {
-            let own = all.iter().filter_map(|(part, at)| {
-                let sizes = sizes(&part.form)?.map(|side| size * side);
-                Some((sizes, at, tint.unwrap_or(part.colour)))
-            });
-            own.collect()
-        };
-        let boxes = of(|form| match form {
-            Form::Box(sides) => Some(sides.to_array()),
-            _ => None,
-        });
-        let cylinders = of(|form| match form {
-            Form::Cylinder { radius, length } => Some([*radius, *length, 0.0]),
-            _ => None,
-        });
-        let capsules = of(|form| match form {
-            Form::Capsule { radius, length } => Some([*radius, *length, 0.0]),
-            _ => None,
-        });
-        macro_rules! write {
-            ($name:literal, $all:ident, $solid:expr, $places:ident, $centre:expr) => {
-                let solid = $solid
-                    .$places($all.iter().map($centre))
-                    .with_quaternions($all.iter().map(|one| turn(one.1)))
-                    .with_colors($all.iter().map(|one| one.2))
-                    .with_fill_mode(FillMode::Solid);
-                let path = format!("{path}/{}", $name);
-                match tick {
-                    None => self.sink.log_static(path, &solid),
-                    Some(tick) => self.sink.log(tick, path, &solid),
-                }
-            };
+        for (k, part) in parts.enumerate() {
+            self.write_part(None, format!("{path}/{k}"), part, &[part.at], tint);
         }
-        let solid = Boxes3D::from_sizes(boxes.iter().map(|one| one.0));
-        write!("boxes", boxes, solid, with_centers, |one| one
-            .1
-            .p
-            .to_array());
-        let sizes = |k| cylinders.iter().map(move |one| one.0[k]);
-        let solid = Cylinders3D::from_lengths_and_radii(sizes(1), sizes(0));
-        write!("cylinders", cylinders, solid, with_centers, |one| one
-            .1
-            .p
-            .to_array());
-        let sizes = |k| capsules.iter().map(move |one| one.0[k]);
-        let solid = Capsules3D::from_lengths_and_radii(sizes(1), sizes(0));
-        // A capsule of Rerun's begins at its origin.
-        write!("capsules", capsules, solid, with_translations, |one| {
-            one.1.of(Vec3::Z * -one.0[1] / 2.0).to_array()
-        });
-        self.write_meshes(tick, path, all, tint);
     }
 
-    /// Places of each mesh; of one that has none, a size that cannot be seen, for none would be the mesh itself.
-    fn write_meshes(
+    /// A part at places, static or from a tick on: its shape, which may be large, is written once. If it has no place it gets a size that cannot be seen,
+    /// for without a place it would stand at the origin.
+    fn write_part(
         &mut self,
         tick: Option<u64>,
-        path: &str,
-        all: &[(&Part, Placement)],
+        path: String,
+        part: &Part,
+        places: &[Placement],
         tint: Option<Rgba>,
     ) {
-        let usual = if tint.is_some() { INWARDS } else { 1.0 };
-        for (k, part) in self.run.body.parts.iter().enumerate() {
-            let Form::Mesh(mesh) = &part.form else {
-                continue;
-            };
-            let path = format!("{path}/mesh{k}");
-            let own = all.iter().filter(|(one, _)| std::ptr::eq(*one, part));
-            let mut places: Vec<Placement> = own.map(|(_, at)| *at).collect();
-            let is_seen = !places.is_empty();
-            if !is_seen && !self.shown.contains_key(&path) {
-                continue;
+        let (places, size) = match places {
+            [] if !self.shown.contains_key(&path) => return,
+            [] => (&[Placement::IDENTITY][..], 1e-6),
+            _ => (places, tint.map_or(1.0, |_| INWARDS)),
+        };
+        // A capsule of Rerun's begins at its origin.
+        let begin = match part.form {
+            Form::Capsule { length, .. } => Vec3::Z * (-0.5 * length * size),
+            _ => Vec3::ZERO,
+        };
+        let poses = InstancePoses3D::new()
+            .with_translations(places.iter().map(|at| at.of(begin).to_array()))
+            .with_quaternions(places.iter().map(turn))
+            .with_scales(vec![[size; 3]; places.len()]);
+        let colour = tint.unwrap_or(part.colour);
+        match tick {
+            None => {
+                self.sink.log_static(path.as_str(), &solid(part, colour));
+                self.sink.log_static(path, &poses);
             }
-            let size = if is_seen { usual } else { 1e-6 };
-            places.extend((!is_seen).then_some(Placement::IDENTITY));
-            let poses = InstancePoses3D::new()
-                .with_translations(places.iter().map(|at| at.p.to_array()))
-                .with_quaternions(places.iter().map(turn))
-                .with_scales(vec![[size; 3]; places.len()]);
-            let solid = |_: &Self| {
-                Mesh3D::new(array(mesh.positions.iter().copied()))
-                    .with_vertex_normals(array(mesh.normals.iter().copied()))
-                    .with_albedo_factor(tint.unwrap_or(part.colour))
-            };
-            match tick {
-                None => {
-                    self.sink.log_static(path.as_str(), &solid(self));
-                    self.sink.log_static(path.as_str(), &poses);
-                }
-                Some(tick) => {
-                    self.show(tick, path.clone(), Some(String::new()), solid);
-                    self.sink.log(tick, &path, &poses);
-                }
+            Some(tick) => {
+                let shape = |_: &Self| solid(part, colour);
+                self.show(tick, path.clone(), Some(String::new()), shape);
+                self.sink.log(tick, path, &poses);
             }
         }
     }
@@ -253,15 +196,21 @@ impl Recording<'_> {
         if self.shown.get(GHOST).map_or("[]", String::as_str) != key {
             self.shown.insert(GHOST.to_owned(), key);
             let postures = picture.postures.iter().map(|q| self.run.links(q));
-            let body = &self.run.body;
-            let all = postures.flat_map(|links| {
-                body.parts.iter().filter_map(move |part| {
-                    let (link, now) = (links[part.link?], picture.links[part.link?]);
-                    differs(&link, &now).then(|| (part, link.then(&part.at)))
-                })
-            });
-            let all: Vec<_> = all.collect();
-            self.write_parts(Some(picture.tick), GHOST, &all, Some(faded(PALE, 0x50)));
+            let postures: Vec<_> = postures.collect();
+            for (k, part) in self.run.body.parts.iter().enumerate() {
+                let Some(link) = part.link else { continue };
+                let links = postures.iter().map(|links| &links[link]);
+                let links = links.filter(|ghost| differs(ghost, &picture.links[link]));
+                let places: Vec<_> = links.map(|ghost| ghost.then(&part.at)).collect();
+                let tint = Some(faded(PALE, 0x50));
+                self.write_part(
+                    Some(picture.tick),
+                    format!("{GHOST}/{k}"),
+                    part,
+                    &places,
+                    tint,
+                );
+            }
         }
     }
 
@@ -346,7 +295,29 @@ impl Recording<'_> {
     }
 }
 
-/// Parts in the frame of their link.
-fn placed<'p>(parts: impl Iterator<Item = &'p Part>) -> Vec<(&'p Part, Placement)> {
-    parts.map(|part| (part, part.at)).collect()
+/// The shape of a part in its own frame.
+fn solid(part: &Part, colour: Rgba) -> Vec<SerializedComponentBatch> {
+    let fill = FillMode::Solid;
+    match &part.form {
+        Form::Box(sides) => Boxes3D::from_sizes([sides.to_array()])
+            .with_colors([colour])
+            .with_fill_mode(fill)
+            .as_serialized_batches(),
+        Form::Cylinder { radius, length } => {
+            Cylinders3D::from_lengths_and_radii([*length], [*radius])
+                .with_colors([colour])
+                .with_fill_mode(fill)
+                .as_serialized_batches()
+        }
+        Form::Capsule { radius, length } => {
+            Capsules3D::from_lengths_and_radii([*length], [*radius])
+                .with_colors([colour])
+                .with_fill_mode(fill)
+                .as_serialized_batches()
+        }
+        Form::Mesh(mesh) => Mesh3D::new(array(mesh.positions.iter().copied()))
+            .with_vertex_normals(array(mesh.normals.iter().copied()))
+            .with_albedo_factor(colour)
+            .as_serialized_batches(),
+    }
 }

@@ -117,7 +117,6 @@ fn a_recording_shows_what_happened() {
     // 90°: the sector grows every 8°, and what was lost is free then. The fault begins and ends.
     for (path, expected) in [
         ("/world/arm/link6", 220..221),
-        ("/world/null_motion/cylinders", 4..20),
         ("/world/zeta/wrist/sector", 9..15),
         ("/world/arm/link4/why_wrist", 1..5),
         ("/wrist", 4..5),
@@ -129,6 +128,13 @@ fn a_recording_shows_what_happened() {
         let rows = rows.get(path).copied().unwrap_or_default();
         assert!(expected.contains(&rows), "{path}: {rows}");
     }
+    let is_part = |path: &str| path.parse::<usize>().is_ok();
+    let ghosts = rows.iter().filter(|(path, _)| {
+        let part = path.strip_prefix("/world/null_motion/");
+        part.is_some_and(is_part)
+    });
+    let most = ghosts.map(|(_, rows)| *rows).max();
+    assert!(most.is_some_and(|most| (4..20).contains(&most)), "{most:?}");
     let files = std::fs::read_dir(folder.path()).expect("the folder");
     assert_eq!(files.count(), 1, "no draft is left");
 }
