@@ -59,8 +59,8 @@ def _share(hits):
     return f"{hits.sum()} ({100 * interval.low:.0f}–{100 * interval.high:.0f}\u00a0%)"
 
 
-def _of(rows):
-    return f"{rows.clean.sum()} of {len(rows)}" if len(rows) else "–"
+def _of(hits):
+    return f"{hits.sum()} of {len(hits)}"
 
 
 def _law_row(rows):
@@ -92,10 +92,9 @@ class Summary:
         table["clean"] = table.s1 & table.within_rate
         table["on_time"] = table.clean & (table.time_stretch <= ON_TIME)
         table["no_run"] = table.outcome.isin(NO_RUN)
-        given = table[table.condition == GIVEN_CLOCK]
-        self.others = table[table.condition != GIVEN_CLOCK]
-        self.laws = {law: rows.set_index("task") for law, rows in given.groupby("law", sort=False)}
-        self.groups = given.groupby("task", sort=False).group.first()
+        self.given, self.others = table[table.condition == GIVEN_CLOCK], table[table.condition != GIVEN_CLOCK]
+        self.laws = {law: rows.set_index("task") for law, rows in self.given.groupby("law", sort=False)}
+        self.groups = self.given.groupby("task", sort=False).group.first()
 
     def rivals(self):
         """Ours and the best of the others, by S1 with clean torque."""
@@ -119,20 +118,18 @@ class Summary:
 
     def conditions(self):
         """The second table, each cell S1 with clean torque of so many. A track counts all tasks, with the rows that it does not change."""
-        names, table = self.others.condition.unique(), {}
-        varied = [name for name in names if name not in (OWN_CLOCK, NO_HINTS)]
-        for law, base in self.laws.items():
-            mine = self.others[self.others.law == law].set_index("task")
-            found, row = {name: mine[mine.condition == name] for name in names}, {f"given clock, up to × {ON_TIME}": f"{base.on_time.sum()} of {len(base)}"}
-            for name in (name for name in names if name not in varied):
-                rows = pandas.concat([found[name], base])
-                rows = rows[~rows.index.duplicated()]
-                is_own = name == OWN_CLOCK
-                row[f"{name}, median time" if is_own else name] = _of(rows) + (f", × {rows.time_stretch[rows.completed].median():.3g}" if is_own else "")
-            if varied:
-                row["nothing varied"] = _of(base.loc[next((found[name].index for name in varied if len(found[name])), [])])
-            table[law] = row | {name: _of(found[name]) for name in varied}
-        return pandas.DataFrame(table).T
+        given, varied = self.given, dict(list(self.others.groupby("condition", sort=False)))
+        rows = {f"given clock, up to × {ON_TIME}": given.assign(clean=given.on_time)}
+        for track in (OWN_CLOCK, NO_HINTS):
+            if track in varied:
+                rows[track] = pandas.concat([varied.pop(track), given]).drop_duplicates(["law", "task"])
+        if varied:
+            rows["nothing varied"] = given.merge(pandas.concat(varied.values())[["law", "task"]].drop_duplicates())
+        table = pandas.DataFrame({name: some.groupby("law").clean.agg(_of) for name, some in (rows | varied).items()})
+        if OWN_CLOCK in table:
+            own = rows[OWN_CLOCK]
+            table[OWN_CLOCK] += own.time_stretch.where(own.completed).groupby(own.law).median().map(", × {:.3g}".format)
+        return table.rename(columns={OWN_CLOCK: f"{OWN_CLOCK}, median time"}).reindex([*self.laws]).fillna("–")
 
     def losses(self):
         """Where another law beats ours: the tasks that only it does, and numbers better by more than a tenth on tasks that both do by S2."""
@@ -154,12 +151,11 @@ class Summary:
         return lines
 
     def text(self):
-        laws, sizes = self.laws.items(), self.groups.value_counts(sort=False).sort_index()
-        groups = pandas.DataFrame({law: rows.groupby("group").clean.sum().reindex(sizes.index) for law, rows in laws}).T
-        groups.columns = [f"{group}, {size}" for group, size in sizes.items()]
+        sizes = self.groups.value_counts()
+        groups = self.given.pivot_table("clean", "law", "group", "sum").reindex([*self.laws]).rename(columns=lambda group: f"{group}, {sizes[group]}")
         return "\n".join([
             f"{len(self.groups)} tasks, hash {self.digest}; our losses:", *(f"  {line}" for line in self.losses() or ["none"]), "", *_markdown(self.main()), "",
-            "Why not S1 with the step within the rate (runs; one may miss several):", *(f"  {name}: {why(rows)}" for name, rows in laws), "",
+            "Why not S1 with the step within the rate (runs; one may miss several):", *(f"  {name}: {why(rows)}" for name, rows in self.laws.items()), "",
             "S1 with the step within the rate, by track and with one thing varied:", *_markdown(self.conditions()), "",
             "S1 with the step within the rate, by group:", *_markdown(groups), *(f"left out: {name}: {reason}" for name, reason in self.skipped.items()),
         ])  # fmt: skip
@@ -199,7 +195,7 @@ def _markdown(frame):
 
 def _table(frame):
     with pandas.option_context("display.max_colwidth", None):
-        return frame.rename_axis(columns="law").to_html(border=0)
+        return frame.rename_axis(index=None, columns="law").to_html(border=0)
 
 
 def _mark(row):
