@@ -9,12 +9,18 @@ from .. import trials, wire
 from .paper import Recorded
 from .style import BLUE, GREY, RED, digits, legend, page, postures, undistorted
 
-# The bar of S2 each, or of the goal; whether the axis is logarithmic.
-METRICS = [
-    [("error orthogonal to ζ, mm", "orthogonal_max_mm"), ("error along ζ, mm", "along_max_mm"), ("error at the end, mm", "final_position_mm")],
-    [("error orthogonal to ζ, °", "orthogonal_max_deg"), ("error along ζ, °", "along_max_deg"), ("error at the end, °", "final_orientation_deg")],
-    [("joint speed, share of limit", "speed_max_ratio"), ("torque step, share of limit", "torque_step_max_ratio"), ("energy of jumps, J", "jump_energy_j")],
-]
+# Drawn of each law, three to a row.
+METRICS = {
+    "orthogonal_max_mm": "error orthogonal to ζ, mm",
+    "along_max_mm": "error along ζ, mm",
+    "final_position_mm": "error at the end, mm",
+    "orthogonal_max_deg": "error orthogonal to ζ, °",
+    "along_max_deg": "error along ζ, °",
+    "final_orientation_deg": "error at the end, °",
+    "speed_max_ratio": "joint speed, share of limit",
+    "torque_step_max_ratio": "torque step, share of limit",
+    "jump_energy_j": "energy of jumps, J",
+}
 
 
 def _all(jobs):
@@ -39,7 +45,7 @@ def singular_lines(robot, count=4, seed=1, kind="one", laws=("blended",), *, spe
 
 # The study's bars: errors orthogonal to ζ, mm and °, the reference's lead among them; and when an arm stands, below a share of the speed asked for, for how long, s.
 ORTHOGONAL, STILL_SHARE, STILL_S, MOVES = (0.5, 1.5), 0.02, 0.5, 1e-3
-STATED = ("REASON_LIMIT", "REASON_REACH", "REASON_RESTING", "REASON_STALE", "REASON_OVER", "REASON_HELD")
+STATED = ("LIMIT", "REACH", "RESTING", "STALE", "OVER", "HELD")
 
 
 def steered(robots=("puma560", "ur5", "iiwa14", "panda"), seeds=range(1, 4), seconds=60.0, settings=None):
@@ -55,20 +61,18 @@ def steered(robots=("puma560", "ur5", "iiwa14", "panda"), seeds=range(1, 4), sec
 def _session(robot, seed, seconds, settings):
     scenario = trials.twists(robot, seed, seconds)
     row, run = trials.trial(scenario, settings), Recorded(scenario, settings, robot)
-    dt, column = run.t[1] - run.t[0], run.columns
+    dt, by = run.t[1] - run.t[0], lambda *reasons: np.isin(run.columns["servo.reason"], [getattr(wire, f"REASON_{name}") for name in reasons])
     asked = np.abs(np.hstack([run.vectors("servo.velocity"), run.vectors("servo.angular_velocity")])).max(axis=1)
-    stated = np.isin(column["servo.reason"], [getattr(wire, name) for name in STATED])
-    stands = ~stated & (asked > MOVES) & (column["servo.speed_share"] < STILL_SHARE)
+    stands = ~by(*STATED) & (asked > MOVES) & (run.columns["servo.speed_share"] < STILL_SHARE)
     # Seconds that it has stood at each tick; those beyond what it may count.
     since = np.arange(len(stands)) - np.maximum.accumulate(np.where(stands, -1, np.arange(len(stands))))
     step = np.abs(np.diff(run.vectors("torque.commanded"), axis=0)).max(axis=0) / (run.arm.torque_rate * dt)
     beyond = np.maximum(run.q - run.arm.upper, run.arm.lower - run.q).max()
-    at = lambda *names: np.isin(column["servo.reason"], [getattr(wire, name) for name in names]).sum() * dt
     found = {
         "arm": robot, "seed": seed, "seconds": seconds, "speed_max_ratio": row["speed_max_ratio"], "torque_max_ratio": row["torque_max_ratio"],
         "step_max_ratio": step.max(), "beyond_range_rad": max(beyond, 0.0), "orthogonal_max_mm": row["orthogonal_max_mm"],
-        "orthogonal_max_deg": row["orthogonal_max_deg"], "stalled_s": (since * dt > STILL_S).sum() * dt, "limit_s": at("REASON_LIMIT"),
-        "reach_s": at("REASON_REACH"), "slowed_s": at("REASON_SINGULARITY", "REASON_EFFORT"),
+        "orthogonal_max_deg": row["orthogonal_max_deg"], "stalled_s": (since * dt > STILL_S).sum() * dt, "limit_s": by("LIMIT").sum() * dt,
+        "reach_s": by("REACH").sum() * dt, "slowed_s": by("SINGULARITY", "EFFORT").sum() * dt,
     }  # fmt: skip
     limits = found["speed_max_ratio"] <= 1 and found["torque_max_ratio"] <= 1 and found["step_max_ratio"] <= 1 + 1e-6 and found["beyond_range_rad"] == 0
     errors = found["orthogonal_max_mm"] <= ORTHOGONAL[0] and found["orthogonal_max_deg"] <= ORTHOGONAL[1]
@@ -77,19 +81,15 @@ def _session(robot, seed, seconds, settings):
 
 def compare_plot(table, path, title="Control laws on the same plant and seed"):
     """Draws the rows of `compare` as bars: blue within the law's bars, red beyond them, grey where the run ended early."""
-    names = table["law"].tolist()
-    height = 0.22 * len(names) + 0.5
-    notes = [f"{row['law']}: {row['outcome']}. {row['reason']}" for _, row in table.iterrows()]
-    with page(path, title, "red: a bar of S2 is missed; grey: ended early", notes, [(height, 3)] * 3) as panels:
-        for i, (axes, (heading, column)) in enumerate(zip([axes for row in panels for axes in row], [one for row in METRICS for one in row])):
-            values = table[column].to_numpy(dtype=float)
-            colours = [GREY if not done else BLUE if s2 else RED for done, s2 in zip(table["completed"], table["s2"])]
-            axes.barh(names, values, color=colours)
+    notes = [f"{row.law}: {row.outcome}. {row.reason}" for row in table.itertuples()]
+    colours = [GREY if not row.completed else BLUE if row.s2 else RED for row in table.itertuples()]
+    with page(path, title, "red: a bar of S2 is missed; grey: ended early", notes, [(0.22 * len(table) + 0.5, 3)] * 3) as panels:
+        for i, (axes, (column, heading)) in enumerate(zip(np.ravel(panels), METRICS.items())):
+            values = table[column].astype(float)
+            axes.bar_label(axes.barh(table["law"], values, color=colours), map(digits, values), padding=3, size=7)
             axes.invert_yaxis()
             axes.set_title(heading)
             axes.tick_params(labelleft=i % 3 == 0)
-            for y, value in enumerate(values):
-                axes.annotate(digits(value), (value, y), xytext=(3, 0), textcoords="offset points", va="center", size=7)
             axes.margins(x=0.18)
 
 
@@ -100,7 +100,7 @@ def race(scenario, laws, path, settings=None):
         {"position_max_mm": run.error_mm.max(), "orientation_max_deg": run.error_deg.max(), "speed_max_ratio": np.abs(run.vectors("joint.qdot_ratio")).max()}
         for run in runs.values()
     ).set_index(pd.Index(runs, name="law"))
-    notes = [f"{law}: at most {digits(row.iloc[0])} mm and {digits(row.iloc[1])}° off, joints at {row.iloc[2]:.0%} of their speed" for law, row in table.iterrows()]
+    notes = [f"{law}: at most {digits(mm)} mm and {digits(deg)}° off, joints at {speed:.0%} of their speed" for law, mm, deg, speed in table.itertuples()]
     series = {
         "position error, mm": lambda run: run.error_mm,
         "orientation error, °": lambda run: run.error_deg,
@@ -108,8 +108,7 @@ def race(scenario, laws, path, settings=None):
     }
     with page(path, f"{scenario}: {' and '.join(laws)}", "the same plant, seed and task", notes, [(2.6, 3), (3.2, len(runs))]) as (above, below):
         for axes, (title, of) in zip(above, series.items()):
-            axes.set_title(title)
-            axes.set_xlabel("time, s")
+            axes.set(title=title, xlabel="time, s")
             for law, run in runs.items():
                 axes.plot(run.t, of(run), label=law)
             legend(axes)

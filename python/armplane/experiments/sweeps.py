@@ -69,7 +69,7 @@ def sweep(scenario, space, runs=None, method="grid", *, seed=1, settings=None, o
     for i, rows in _spread(todo, (scenario, settings, run), client, jobs):
         tables[i] = table = pd.json_normalize(rows)
         if out is not None:
-            _write(table, parts[i])
+            _whole(parts[i], table.to_parquet(index=False))
         done += len(table)
         if progress:
             progress(done, len(points))
@@ -216,14 +216,6 @@ def _claim(folder, plan, first):
         raise ValueError(f"{folder} holds results of another build, arm or scenario: its first run gives other bytes now; choose another folder")
     if changed:
         raise ValueError(f"{folder} holds another sweep (other {', '.join(changed)}): choose another folder")
-
-
-def _write(table, path):
-    import io
-
-    buffer = io.BytesIO()
-    table.to_parquet(buffer, index=False)
-    _whole(path, buffer.getvalue())
 
 
 def _whole(path, content):
