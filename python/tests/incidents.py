@@ -92,17 +92,20 @@ class Arm:
         return np.all(q > self.lower + room) and np.all(q < self.upper - room)
 
     def sigma(self, q):
-        """The last singular value, and its gradient."""
-        value = self.lost(q)[1][5]
-        return value, np.array([self.lost(q + 1e-5 * one)[1][5] - value for one in np.eye(self.n)]) / 1e-5
+        """The last singular value."""
+        return self.lost(q)[1][5]
+
+    def beside(self, q, step):
+        """The last singular values a step of each joint from `q`."""
+        return np.array([self.sigma(q + step * one) for one in np.eye(self.n)])
 
     def singular_near(self, q, steps=40, floor=2e-4):
         """The posture of lower rank nearest to `q`, by the gradient of the last singular value; `None` where there is none within the limits."""
         q = np.array(q)
         for _ in range(steps):
-            if self.lost(q)[1][5] < floor:
+            if (value := self.sigma(q)) < floor:
                 return q
-            value, slope = self.sigma(q)
+            slope = (self.beside(q, 1e-5) - value) / 1e-5
             q = q - np.clip(value * slope / max(slope @ slope, 1e-9), -0.2, 0.2)
         return None
 
@@ -208,7 +211,7 @@ def draw_singular(arm, rng):
 
 def draw_regular(arm, rng):
     """A posture far from all singular ones."""
-    return first(lambda: q if arm.lost(q := draw(arm, rng, 2.4, 0.2))[1][5] > 0.13 else None, 400)
+    return first(lambda: q if arm.sigma(q := draw(arm, rng, 2.4, 0.2)) > 0.13 else None, 400)
 
 
 def paced(V, speed):
@@ -219,7 +222,7 @@ def paced(V, speed):
 def approach(arm, rng):
     """A start posture and a constant twist that lead past a singular posture, with a part along ζ."""
     at = draw_singular(arm, rng)
-    slope = np.array([arm.lost(at + 0.05 * one)[1][5] for one in np.eye(arm.n)])
+    slope = arm.beside(at, 0.05)
     near = at + rng.choice([-1, 1]) * rng.uniform(0.02, 0.07) * slope / max(norm(slope), 1e-6)
     u, qdot = arm.lost(near)[0], rng.normal(size=arm.n)
     V = arm.J(near) @ (qdot / norm(qdot)) / arm.scale
@@ -229,7 +232,7 @@ def approach(arm, rng):
     for _ in range(int(back / 0.01)):
         q = q - 0.01 * arm.damped(q, V, 0.01)
         require(arm.is_inside(q, 0.1))
-    require(arm.lost(q)[1][5] >= 0.1 and np.all(np.abs(arm.damped(q, V, 0.001)) <= 0.6 * arm.speed))
+    require(arm.sigma(q) >= 0.1 and np.all(np.abs(arm.damped(q, V, 0.001)) <= 0.6 * arm.speed))
     return q, V, back
 
 
@@ -338,7 +341,7 @@ class Base:
         else:
             self.start[j] = self.q[j] = arm.upper[j] - 0.12
             self.V = arm.J(self.start) @ (np.eye(arm.n)[j] * 0.15 + rng.normal(0, 0.02, arm.n))
-            require(arm.lost(self.start)[1][5] >= 0.12)
+            require(arm.sigma(self.start) >= 0.12)
 
     def at(self, t):
         """Commanded positions, velocities and twist."""
@@ -365,7 +368,7 @@ def other_incident(arm, rng, cause, mode, decoy):
     for k in range(int((base.time + rng.uniform(0.3, 0.8)) / dt)):
         t = k * dt
         qc, vc, V = base.at(t)
-        require(np.isfinite(qc).all() and (mode == "joints" or decoy or cause == "joint limit" or arm.lost(base.q)[1][5] >= 0.09))
+        require(np.isfinite(qc).all() and (mode == "joints" or decoy or cause == "joint limit" or arm.sigma(base.q) >= 0.09))
         if cause == "gap in the stamps" and begin <= t < begin + hang:
             drive.step(last, np.zeros(n))
             felt = begin
