@@ -18,6 +18,7 @@ class Arm:
     effort: _Doubles
     velocity: _Doubles
     torque_rate: _Doubles
+    task: list[bool]
     postures: dict[str, list[float]]
     notes: list[str]
     @staticmethod

@@ -20,6 +20,13 @@ def _ending(hook):
     return ends
 
 
+def _place(error):
+    """Where in the user's own files it came from."""
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [frame for frame in frames if not frame.filename.startswith((sys.prefix, sys.base_prefix, os.path.dirname(__file__), "<"))]
+    return f" ({os.path.basename(own[-1].filename)}, line {own[-1].lineno})" if own else ""
+
+
 class Process:
     """A process of a run.
 
@@ -56,7 +63,7 @@ class Process:
 
     def tick(self, tick):
         """Called at each tick, with the messages in `self.topics`. The process that makes the ticks returns true to end the run."""
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} lacks the method tick(self, tick)")
 
     def is_fresh(self, topic):
         """Whether the message of a topic belongs to this tick. If not, it is an earlier one."""
@@ -96,7 +103,7 @@ class Process:
         except (Exception, SystemExit) as error:
             # Also an orderly exit: the run goes on without this process.
             traceback.print_exc()
-            joined.fail(f"{type(error).__name__}: {error}")
+            joined.fail(f"{type(error).__name__}: {error}{_place(error)}")
         sys.stdout.flush()
         if code := joined.leave():
             sys.exit(code)
@@ -126,11 +133,11 @@ class Plant(Process):
 
     def step(self, torque):
         """Moves the arm by one tick. `torque` is the command (`wire.TorqueCommand`), or `None` if none arrived for this tick."""
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} lacks the method step(self, torque)")
 
     def sample(self, tick, sensor, truth):
         """Fills in the sensors' readings (`wire.SensorSample`) and the truth (`wire.PlantState`), which only the judge and the pictures see."""
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} lacks the method sample(self, tick, sensor, truth)")
 
     def tick(self, tick):
         if tick > 0:
@@ -145,7 +152,7 @@ class Controller(Process):
         """Fills in `torque` (`wire.TorqueCommand`) and `state` (`wire.ControlState`). From `state`, the judge takes only `path_time_s`, the time reached on the
         scenario's path. It may pause, but must not jump or go back, and must reach the end before the phase is `PHASE_DONE`. `singularity` is `None` where the
         graph does not read it."""
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} lacks the method control(self, tick, estimate, singularity, state, torque)")
 
     def tick(self, tick):
         topics = self.topics
@@ -157,7 +164,7 @@ class Operator(Process):
 
     def steer(self, tick, target, **messages):
         """Fills in `target` (`wire.TargetContent`): kind, frame, validity, values. It still holds the target of the previous tick."""
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} lacks the method steer(self, tick, target, **messages)")
 
     def tick(self, tick):
         target = self.joined.outputs["target"].target
@@ -170,7 +177,7 @@ class Observer(Process):
 
     def see(self, tick, **messages):
         """Called at each tick, with the message of each topic that has a new one."""
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} lacks the method see(self, tick, **messages)")
 
     def tick(self, tick):
         self.see(tick, **{name: message for name, message in self.joined.inputs.items() if self.is_fresh(name)})

@@ -95,6 +95,8 @@ pub fn export(
             .ok_or(ExportError::Stopped)
     };
     in_batches(&facts, &mut story, source.ticks, tell, write)?;
+    // A state is told when it is over, with the tick at which it began.
+    events.sort_by_key(|event| event.0);
     let events = write_events(&events, f64::from(facts.rate_hz), format, out)?;
     let signals = signals.map(|table| table.finish()).transpose()?;
     let events = events.finish()?;

@@ -112,7 +112,8 @@ def speed_limit(log, m):
     yield from _saturation(m, "speed limit", m.v, limits, 0.97, 0.78, "rad/s", m.vc)
     if m.asked_by in ("twist", "pose") and np.isfinite(limits).any():
         some = slice(None, None, max(1, len(m.rows) // 4000))
-        needed, t = np.abs(np.einsum("kji,ki->kj", np.linalg.pinv(m.J[some], rcond=0.02), m.asked[some])) / limits, m.t_k[some]
+        inverse = np.linalg.pinv(m.J[some] * m.robot.scale[:, None], rcond=0.02)
+        needed, t = np.abs(np.einsum("kji,ki->kj", inverse, m.S[some])) / limits, m.t_k[some]
         if hit := long_run((needed.max(axis=1) > 1.1) & (m.sigma[some] > 0.45 * m.usual), t, 0.03):
             j = np.argmax(needed[hit[0]])
             text = f"the hand was asked to move so fast that {m.robot.joints[j]} would need {needed[slice(*hit), j].max():.1f} times its largest speed"
@@ -301,12 +302,14 @@ def stops(m):
     for a, b in runs(speed < max(0.04 * peak, 0.006)) if peak >= 0.01 else ():
         if a < back or t[b - 1] - t[a] < 0.15:
             continue
-        inside = asked[(m.rows >= a) & (m.rows < b)]
+        inside, until = asked[(m.rows >= a) & (m.rows < b)], asked[(m.rows >= a - back) & (m.rows < a)]
         goes_on = len(inside) and np.median(inside) > 0.15 * np.quantile(asked, 0.9) or off[a:b].max() > 0.03 + 2 * np.quantile(off, 0.25)
         # The stop began where the arm last had most of its speed.
         start, before = max(0, a - 1 - np.argmax(speed[a - 1 :: -1] > 0.5 * peak)), speed[a - back : a].max()
         seconds = t[a - 1] - t[start]
-        if goes_on or before > 0.5 * peak and seconds < 0.1:
+        # Spare joints may move to the end of what the hand was asked for.
+        is_over = m.S is not None and len(until) and until.max() < 0.3 * np.quantile(asked, 0.9)
+        if goes_on or before > 0.5 * peak and seconds < 0.1 and not is_over:
             words = "while the command went on" if goes_on else f"from {before:.2f} rad/s within {seconds * 1000:.0f} ms"
             yield Found("stopped", t[start], f"it came to rest at {t[a]:.2f} s {words}")
             return

@@ -11,7 +11,7 @@ class Robot:
     """An arm, its limits and its kinematics for N postures at once.
 
     `lower`, `upper`, `velocity`, `effort`: limits, shape (n,), infinite where the file states none; `length` (m) makes metres comparable to radians;
-    `scale` (6,) turns a twist's metres into radians. `notes`: sentences about gaps of the file.
+    `scale` (6,) turns a twist's metres into radians, and leaves out what is not the hand's task. `notes`: sentences about gaps of the file.
     """
 
     def __init__(self, name, tip=None, text=None):
@@ -24,7 +24,7 @@ class Robot:
         zero = np.zeros((1, self.dof))
         self.turns = np.linalg.norm(self.move(zero)[1][0, 3:], axis=0) > 0.5
         self.length = arm.step_many(zero)["length_m"][0]
-        self.scale = np.r_[np.full(3, 1 / self.length), np.ones(3)]
+        self.scale = np.r_[np.full(3, 1 / self.length), np.ones(3)] * arm.task
 
     def move(self, q):
         """Poses (N, 4, 4) and Jacobians (N, 6, n) of the hand at `q` (N, n), in base axes, `[linear; angular]`."""
@@ -34,7 +34,8 @@ class Robot:
     def decompose(self, J):
         """The last singular triple of J with lengths in units of `length`: u (N, 6), σ (N,), v (N, n); σ is 0 where a direction is lost."""
         U, S, Vt = np.linalg.svd(J * self.scale[:, None], full_matrices=False)
-        return U[:, :, -1], S[:, -1], Vt[:, -1]
+        last = min(np.count_nonzero(self.scale), self.dof) - 1
+        return U[:, :, last], S[:, last], Vt[:, last]
 
 
 def _open(name, tip, text):

@@ -105,8 +105,7 @@ pub(crate) fn run(args: &RunArgs, form: Form) -> Result<ExitCode, Failure> {
         silence_limit: args.silence_limit,
         unread: crate::out::unread,
     };
-    let holds_run = |out: &PathBuf| out.join(session::SUMMARY).exists();
-    let replaced = args.out.as_ref().filter(|out| holds_run(out));
+    let replaced = args.out.as_ref().filter(|out| session::holds_run(out));
     let finished = session::run(&request, &observe)?;
     if let Some(out) = replaced {
         tell(&format_args!(

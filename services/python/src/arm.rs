@@ -43,6 +43,9 @@ pub(crate) struct Arm {
     /// Largest torque rates, shape (n,), N·m/s.
     #[pyo3(get)]
     torque_rate: Py<PyArray1<f64>>,
+    /// Whether the hand's task has each of x, y, z, rx, ry, rz, base axes.
+    #[pyo3(get)]
+    task: [bool; 6],
     /// Named postures, each a list of n values, rad.
     #[pyo3(get)]
     postures: BTreeMap<String, Vec<f64>>,
@@ -68,6 +71,7 @@ impl Arm {
             effort: values(|joint| joint.effort),
             velocity: values(|joint| joint.velocity),
             torque_rate: values(|joint| joint.torque_rate),
+            task: robot.task.0,
             postures: robot.postures.clone(),
             notes: robot.notes.clone(),
             inner,

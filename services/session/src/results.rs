@@ -179,7 +179,7 @@ impl Results {
             foreign: Vec::new(),
             _lock: lock,
         };
-        if !results.has_run() {
+        if !holds_run(&results.folder) {
             let names = entries(&results.folder).map(|(name, _)| name);
             results.foreign = names.filter(|name| is_result(name)).collect();
         }
@@ -244,21 +244,28 @@ impl Results {
     }
 
     /// As [`clear`](Self::clear), except the files that this run writes anew.
+    ///
+    /// # Errors
+    /// As there; and [`Failure::Input`] for somebody's own file that this run would write over.
     pub(crate) fn remove_old(&self, job: &Job) -> Result<(), Failure> {
         let again = repeated(job, &Summary::default())?;
         let mut kept: Vec<_> = again.iter().map(|(name, _)| name.as_str()).collect();
         kept.push(JOB);
+        let record = [recorder::MESSAGES, viz::RECORDING].into_iter();
+        let mut written = kept.iter().copied().chain(record.filter(|_| job.record));
+        if let Some(own) = written.find(|name| self.foreign.iter().any(|own| own == name)) {
+            return Err(Failure::Input(format!(
+                "{} is of no run, and the results would replace it: {}",
+                self.folder.join(own).display(),
+                FOR_A_RUN.busy
+            )));
+        }
         let _ = std::fs::remove_file(self.folder.join(GIVEN_TARGETS));
         self.clear_but(&kept)
     }
 
-    fn has_run(&self) -> bool {
-        let exists = |name: &&str| self.folder.join(name).exists();
-        [SUMMARY, JOB].iter().any(exists)
-    }
-
     fn clear_but(&self, kept: &[&str]) -> Result<(), Failure> {
-        if !self.has_run() {
+        if !holds_run(&self.folder) {
             return Ok(());
         }
         let run = Run {
@@ -323,6 +330,11 @@ pub fn keep(folder: &Path, job: &Job, summary: &Summary) -> Result<(), Failure> 
     }
     release(folder);
     Ok(())
+}
+
+/// Whether a folder holds a run, ended or not.
+pub fn holds_run(folder: &Path) -> bool {
+    [SUMMARY, JOB].iter().any(|name| folder.join(name).exists())
 }
 
 fn entries(folder: &Path) -> impl Iterator<Item = (String, DirEntry)> {

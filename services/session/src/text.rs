@@ -257,7 +257,11 @@ fn files(f: &mut fmt::Formatter<'_>, summary: &Summary, folder: &Path) -> fmt::R
     let files = files.collect::<Vec<_>>().join(", ");
     // As one writes it here.
     let here = std::env::current_dir().unwrap_or_default();
-    let folder = folder.strip_prefix(here).unwrap_or(folder).display();
+    let folder = match folder.strip_prefix(here) {
+        Ok(own) if own.as_os_str().is_empty() => Path::new("."),
+        own => own.unwrap_or(folder),
+    };
+    let folder = folder.display();
     writeln!(f, "files      {folder}: {files}")?;
     if summary.recorder.bytes > 0 {
         writeln!(

@@ -59,7 +59,13 @@ impl PostureText<'_> {
                 }
             };
             let at = |q: f64| known(q, format!("{:.2}{place}", joint.kind.shown(q)));
-            let under = |x: f64| known(x, format!("{} {load}", digits(x)));
+            // Rounding of a torque of zero.
+            let under = |x: f64| {
+                known(
+                    x,
+                    format!("{} {load}", digits(if x.abs() < 1e-9 { 0.0 } else { x })),
+                )
+            };
             let q = posture.q[i];
             let numbers = [
                 format!("{q:.6}"),

@@ -11,6 +11,7 @@ pub use lines::{Drawn, Lines};
 pub use race::{Race, Racer, race};
 
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 use control::Kind;
@@ -114,10 +115,13 @@ pub fn compare(
         Ok((robot, graphs, compared))
     });
     let begun = begun.collect::<Result<Vec<_>, Failure>>()?;
+    // From here on a folder is there; a signal ends the runs at hand, and with them all.
+    let signals = Mutex::new(session::interrupts()?);
+    let go_on = || check(&mut signals.lock().unwrap_or_else(PoisonError::into_inner));
     let results = Results::create(request.out, "compare")?;
     let mut comparisons = Vec::new();
     for (robot, graphs, mut compared) in begun {
-        compared.run(&robot, &graphs, request, observer)?;
+        compared.run(&robot, &graphs, request, (observer, &go_on))?;
         each(&compared);
         comparisons.push(compared.json());
         for (number, task) in compared.unreached() {
@@ -127,20 +131,6 @@ pub fn compare(
     let whole = json!({"version": env!("CARGO_PKG_VERSION"), "scenarios": comparisons});
     results.save("compare.json", &whole)?;
     Ok((whole, results.folder.clone()))
-}
-
-/// The results of runs; in processes, a signal ends each of them.
-///
-/// # Errors
-/// [`Failure::Work`] where one has come.
-fn unless_stopped<T>(is_in_processes: bool, runs: impl FnOnce() -> T) -> Result<T, Failure> {
-    if !is_in_processes {
-        return Ok(runs());
-    }
-    let mut signals = session::interrupts()?;
-    let done = runs();
-    check(&mut signals)?;
-    Ok(done)
 }
 
 impl Compared {
@@ -181,27 +171,28 @@ impl Compared {
         robot: &Robot,
         graphs: &[Option<Graph>],
         request: &Request<'_>,
-        observer: Observer<'_>,
+        (observer, go_on): (Observer<'_>, &(dyn Fn() -> Result<(), Failure> + Sync)),
     ) -> Result<(), Failure> {
         let (name, tasks) = (&self.scenario.name, &self.tasks);
         let under = |(law, graph)| tasks.iter().map(move |task| (law, graph, task));
         let all: Vec<_> = request.laws.iter().zip(graphs).flat_map(under).collect();
         let plans = self.is_exact;
         let run = |(law, graph, task): &(&Law, &Option<Graph>, &Drawn)| {
+            go_on()?;
             let line = run(robot, law, graph.as_ref(), task, plans);
             observer(Progress::Step);
-            line
+            go_on().map(|()| line)
         };
-        let is_in_processes = graphs.iter().any(Option::is_some);
         observer(Progress::Begin {
             title: name,
             length: all.len() as u64,
             unit: "runs",
         });
         // A core that is done takes the next task, however long the others are.
-        let on_all_cores = || all.par_iter().with_max_len(1).map(run).collect::<Vec<_>>();
-        let lines = unless_stopped(is_in_processes, on_all_cores)?;
+        let lines = all.par_iter().with_max_len(1).map(run);
+        let lines = lines.collect::<Result<Vec<_>, Failure>>();
         observer(Progress::End);
+        let lines = lines?;
         let is_nothing = self.speed.is_none() && lines.iter().all(|line| line.score.is_none());
         if let Some(line) = lines.first().filter(|_| is_nothing) {
             return Err(Failure::Input(format!("{name}: {}", line.reason)));

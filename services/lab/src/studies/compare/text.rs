@@ -79,7 +79,7 @@ impl Compared {
             f,
             "⊥ ζ: largest error orthogonal to the singular directions, ∥ ζ: along them; speed, torque: of the joints' limits.\n\
              Laws within 10 % of the smallest error tie.\n\
-             S1: less than {} mm and {}° orthogonal to ζ.\n\
+             S1: orthogonal to ζ and at the end less than {} mm and {}°, no limit of a joint broken.\n\
              S2: less than {} mm and {}° orthogonal to ζ, less than {} mm and {}° along it.",
             s1.orthogonal_mm,
             s1.orthogonal_deg,
