@@ -26,7 +26,7 @@ pub enum RobotError {
     reason = "each variant is its sentence, with its numbers"
 )]
 pub enum Defect {
-    #[error("not a URDF: {0}")]
+    #[error("not a URDF: {0}: is the file whole?")]
     Urdf(String),
     #[error(
         "it is MJCF, which MuJoCo reads: `python -m armplane.mjcf ARM.xml` makes a URDF of it; the commands of armplane and `Arm.from_urdf` in Python do so \

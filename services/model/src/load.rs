@@ -10,6 +10,7 @@ use nalgebra::Vector3;
 use shared_types::bounds::within;
 use shared_types::job::RobotText;
 use std::collections::BTreeMap;
+use std::f64::consts::TAU;
 
 impl Robot {
     /// A robot from its URDF and [description](crate::description). The same source gives the same robot.
@@ -85,6 +86,7 @@ fn read(source: &RobotText) -> Result<Robot, Defect> {
     chain.notes.extend(description.notes.iter().cloned());
     chain.joints.iter().try_for_each(check_joint)?;
     chain.notes.extend(unlimited(&chain.joints));
+    chain.notes.extend(in_other_units(&chain.joints));
     let gaps = gaps(&source.name, &mut chain.joints);
     chain.notes.extend(
         gaps.iter()
@@ -149,6 +151,39 @@ fn unlimited(joints: &[Joint]) -> impl Iterator<Item = String> {
                 list(names)
             )
         })
+    })
+}
+
+/// Limits that look like degrees, and lengths that look like millimetres.
+fn in_other_units(joints: &[Joint]) -> impl Iterator<Item = String> {
+    // Turns beyond which no drive's cables last, and some write for no limit at all; m between joints.
+    const TURNS: std::ops::Range<f64> = 4.0 * TAU..1e3;
+    const LONG_M: f64 = 20.0;
+    let named = |is_odd: fn(&Joint) -> bool| {
+        let odd = joints.iter().filter(move |joint| is_odd(joint));
+        odd.map(|joint| &joint.name).collect::<Vec<_>>()
+    };
+    let turning = named(|joint| {
+        joint.kind == JointKind::Revolute
+            && [joint.lower, joint.upper]
+                .iter()
+                .all(|limit| TURNS.contains(&limit.abs()))
+    });
+    let long = named(|joint| joint.X_PJ.p.norm() > LONG_M);
+    let words = [
+        (
+            turning,
+            "limits",
+            "are over four turns: are they in degrees? A URDF has rad",
+        ),
+        (
+            long,
+            "distances to the joint before",
+            "are over 20 m: are they in mm? A URDF has m",
+        ),
+    ];
+    words.into_iter().filter_map(|(names, what, why)| {
+        (!names.is_empty()).then(|| format!("the {what} of {} {why}", list(names)))
     })
 }
 

@@ -517,6 +517,27 @@ fn postures_and_names_are_checked() {
     assert!(matches!(nowhere, Err(PostureError::NotFinite { joint, .. }) if joint == "joint1"));
 }
 
+/// A file in degrees or millimetres is read as it stands, and doubted.
+#[test]
+fn limits_in_degrees_and_lengths_in_millimetres_are_doubted() {
+    let notes = |z: f64, limit: f64| {
+        let joint = format!(
+            r#"<joint name="j0" type="revolute"><parent link="0"/><child link="1"/><origin xyz="0 0 {z}"/><axis xyz="0 0 1"/>
+            <limit lower="-{limit}" upper="{limit}" effort="9" velocity="1"/></joint>"#
+        );
+        load(&robot("0 1", &[joint]), "").unwrap().notes.len()
+    };
+    assert_eq!(
+        [
+            notes(0.3, 3.0),
+            notes(0.3, 170.0),
+            notes(300.0, 3.0),
+            notes(0.3, 1e16)
+        ],
+        [0, 1, 1, 0]
+    );
+}
+
 /// An arm that turns about z and bends in a plane: no rotation about x or y is its own wherever it faces.
 #[test]
 fn the_served_axes_do_not_depend_on_where_the_arm_faces() {
