@@ -168,5 +168,6 @@ def _inner(value):
         return f"{{{', '.join(f'{key} = {_inner(one)}' for key, one in value.items())}}}"
     if isinstance(value, (list, tuple)):
         return f"[{', '.join(map(_inner, value))}]"
-    # The numbers of numpy and pandas, too.
-    return json.dumps(value.item() if hasattr(value, "item") else value)
+    # The numbers of numpy and pandas, too; JSON has another word for a NaN.
+    value = value.item() if hasattr(value, "item") else value
+    return repr(value) if isinstance(value, float) else json.dumps(value)

@@ -4,6 +4,7 @@ Python's lock is free while a run lasts, so threads use all cores. A scenario is
 """
 
 import json
+from collections.abc import Mapping
 
 from . import _armplane
 from .results import toml
@@ -56,6 +57,8 @@ def _whole(name, value):
 
 
 def _settings(settings, faults=None):
+    if not isinstance(settings or {}, Mapping):
+        raise ValueError(f'settings is {settings!r}: give a dictionary, such as {{"control.k_p": 900}}')
     chosen = dict(settings or {})
     if faults is not None:
         chosen["fault"] = list(faults)
