@@ -67,9 +67,9 @@ writes = ["control_state", "torque"]
 """
 
 
-def compare(folder, arguments):
+def compare(folder, arguments, code=0):
     done = subprocess.run([_program(), *f"compare {arguments} --out {folder} --json".split()], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+    assert done.returncode == code, done.stderr
     return json.loads(done.stdout)["scenarios"][0]["laws"]
 
 
@@ -147,7 +147,7 @@ def test_an_opponent_presses_and_one_that_cannot_is_not_run(tmp_path, plant):
     pytest.importorskip("mujoco")
     for name in ("True", "False"):
         (tmp_path / f"{name}.py").write_text(PRESSER.replace("{presses}", name))
-    laws = compare(tmp_path / "a", f"wipe-through-wrist-lock {plant} --law presses={tmp_path}/True.py,not={tmp_path}/False.py")
+    laws = compare(tmp_path / "a", f"wipe-through-wrist-lock {plant} --law presses={tmp_path}/True.py,not={tmp_path}/False.py", 1)
     assert laws[0]["completed"] and laws[0]["force"]["rms_n"] < 2 and laws[0]["force"]["lift_off_ticks"] == 0 and laws[0]["force"]["impact_max_n"] < 20
     assert laws[1]["outcome"] == "failed" and not laws[1]["completed"]
 

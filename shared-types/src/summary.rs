@@ -11,6 +11,9 @@ use crate::job::{Branch, Job};
 /// The outcome of a run that a signal has ended, or whose launcher was killed.
 pub const INTERRUPTED: &str = "interrupted";
 
+/// The outcome of a run of which a process could not go on.
+pub const FAILED: &str = "failed";
+
 /// The outcome of a task that was done within its goal's bounds.
 pub const REACHED: &str = "goal reached";
 /// The outcome of a task whose path leaves the arm's reach, done up to the boundary of reach.

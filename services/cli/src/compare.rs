@@ -8,7 +8,7 @@ use lab::studies::compare::{self, Compared, Lines, Request, SWEEP};
 use session::{Failure, load};
 use shared_types::scenario::Strategy;
 
-use crate::out::{say, say_json, show};
+use crate::out::{say, say_json, show, whole as lack};
 use crate::progress::observe;
 use session::table::count as plural;
 
@@ -91,8 +91,9 @@ pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Fai
 
 /// Runs what is to be compared, and shows each table as soon as it is there.
 fn show_compared(request: &Request<'_>, as_json: bool) -> Result<ExitCode, Failure> {
-    let mut unreached = 0;
+    let (mut unreached, mut failed) = (0, 0);
     let mut each = |compared: &Compared| {
+        failed += compared.failed() as u64;
         unreached += compared.unreached().count() as u64;
         if !as_json {
             show(compared);
@@ -101,14 +102,15 @@ fn show_compared(request: &Request<'_>, as_json: bool) -> Result<ExitCode, Failu
     let (whole, folder) = compare::compare(request, &observe, &mut each)?;
     if as_json {
         say!("{whole}");
-        return Ok(ExitCode::SUCCESS);
+    } else {
+        say!("{}\n  compare.json", folder.display());
+        if unreached > 0 {
+            let lines = plural(unreached, "line");
+            say!("  {lines} that did not reach the goal, as scenarios");
+        }
     }
-    say!("{}\n  compare.json", folder.display());
-    if unreached > 0 {
-        let lines = plural(unreached, "line");
-        say!("  {lines} that did not reach the goal, as scenarios");
-    }
-    Ok(ExitCode::SUCCESS)
+    let runs = plural(failed, "run");
+    lack((failed > 0).then(|| format!("{runs} failed: compare.json has the reasons")))
 }
 
 /// Two laws in one recording.

@@ -145,7 +145,7 @@ enum Command {
                       S1: orthogonal to ζ and at the end within 1 mm and 0.5°, no joint beyond its speed or position limit, no torque at \
                       its limit for more than 10 ms. S2: orthogonal to ζ within 1 mm and 3°, along ζ within 10 mm and 5°, otherwise the \
                       same.",
-        after_help = "Examples:\n  armplane compare fig5-wrist-rotation elbow-in-and-out\n  armplane compare sweep --count 90 --speed 0.5 --json\n  armplane compare my.toml --law blended,damped-least-squares --set control.baseline.damped_least_squares.largest=0.1\n  armplane compare fig5-wrist-rotation --law blended,mine=mine.py"
+        after_help = "Examples:\n  armplane compare fig5-wrist-rotation elbow-in-and-out\n  armplane compare sweep --count 90 --speed 0.5 --json\n  armplane compare my.toml --law blended,damped-least-squares --set control.baseline.damped_least_squares.largest=0.1\n  armplane compare fig5-wrist-rotation --law blended,mine=mine.py\n\nExit code 1: a run failed, because a program ended by itself for instance."
     )]
     Compare(compare::CompareArgs),
     /// Run third-party controllers beside armplane's laws.

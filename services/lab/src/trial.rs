@@ -22,6 +22,7 @@ use session::{Failure, load};
 use shared_types::graph::Graph;
 use shared_types::job::{Job, Mode};
 use shared_types::scenario::{Scenario, Strategy};
+use shared_types::summary::FAILED;
 use shared_types::topics::{COUNT, TOPICS};
 
 use crate::folder::scratch;
@@ -110,7 +111,7 @@ impl<'a> Trial<'a> {
         })?;
         let mut verdict = judge.verdict();
         if let Some(sentence) = ended {
-            (verdict.completed, verdict.outcome) = (false, "failed".to_owned());
+            (verdict.completed, verdict.outcome) = (false, FAILED.to_owned());
             verdict.reason = format!("{sentence}; {}", verdict.reason);
         }
         let hash = |account: Account| (account.topic, account.hash);

@@ -10,7 +10,7 @@ use shared_types::job::{Job, Mode};
 use shared_types::process::Role;
 use shared_types::scenario::Scenario;
 use shared_types::summary::{
-    Deadlines, FaultSummary, INTERRUPTED, ProcessSummary, RecorderSummary, Summary,
+    Deadlines, FAILED, FaultSummary, INTERRUPTED, ProcessSummary, RecorderSummary, Summary,
 };
 use shared_types::{Message, SensorSample, TorqueCommand};
 
@@ -40,7 +40,7 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
         }
         End::Failed(failure) => {
             summary.completed = false;
-            summary.outcome = "failed".to_owned();
+            summary.outcome = FAILED.to_owned();
             summary.reason = failure.to_string();
         }
     }
@@ -108,7 +108,7 @@ fn without_account(job: &Job, outcome: &Outcome) -> Summary {
     Summary {
         of: job.into(),
         ticks: outcome.ticks,
-        outcome: "failed".to_owned(),
+        outcome: FAILED.to_owned(),
         reason: NO_ACCOUNT.to_owned(),
         recorder: RecorderSummary {
             file: file.unwrap_or_default(),

@@ -23,7 +23,7 @@ use session::{Failure, Observer, Progress, Results, load};
 use shared_types::codes::singularity_name;
 use shared_types::graph::Graph;
 use shared_types::scenario::Scenario;
-use shared_types::summary::{BOUNDARY, MISSED, REACHED};
+use shared_types::summary::{BOUNDARY, FAILED, MISSED, REACHED};
 
 use crate::folder::check;
 use crate::row::Row;
@@ -210,6 +210,13 @@ impl Compared {
         numbered
             .filter(|(_, (line, _))| line.outcome != Outcome::Reached)
             .map(|(number, (_, task))| (number, task))
+    }
+
+    /// Number of runs of which a process could not go on, one of others for instance.
+    pub fn failed(&self) -> usize {
+        let lines = self.laws.iter().flat_map(|(_, lines)| lines);
+        let rows = lines.filter_map(|line| line.score.as_ref());
+        rows.filter(|row| row.outcome == FAILED).count()
     }
 
     /// The names of the singularities, in the order in which they were drawn.
