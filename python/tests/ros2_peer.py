@@ -120,7 +120,9 @@ def main():
         answer = []
         if what == "take":
             for data, info in ddspy_take(readers[topic]._ref, every, 100_000):
-                answer.append((info.source_timestamp, data.hex()))
+                # Others say that a sender is gone.
+                if info.valid_data:
+                    answer.append((info.source_timestamp, data.hex()))
         elif what == "lag":
             answer = lag(readers[topic], writers["servo_node/delta_twist_cmds"], *more)
         elif what == "heard":
