@@ -1,5 +1,7 @@
 """Base classes for processes of a run. A subclass defines one tick; `run()` does the rest."""
 
+import functools
+import inspect
 import os
 import sys
 import threading
@@ -18,6 +20,16 @@ def _ending(hook):
             os._exit(1)
 
     return ends
+
+
+def _required(method):
+    """A method that the subclass has to define."""
+
+    @functools.wraps(method)
+    def lacks(self, *_, **__):
+        raise NotImplementedError(f"{type(self).__name__} lacks the method {method.__name__}{inspect.signature(method)}")
+
+    return lacks
 
 
 def _place(error):
@@ -61,9 +73,9 @@ class Process:
     def setup(self):
         """Called once before the first tick: load models, read `self.job`."""
 
+    @_required
     def tick(self, tick):
         """Called at each tick, with the messages in `self.topics`. The process that makes the ticks returns true to end the run."""
-        raise NotImplementedError(f"{type(self).__name__} lacks the method tick(self, tick)")
 
     def is_fresh(self, topic):
         """Whether the message of a topic belongs to this tick. If not, it is an earlier one."""
@@ -131,13 +143,13 @@ class Process:
 class Plant(Process):
     """Makes the ticks: moves the arm and reads its sensors. The graph gives it `feedback = ["torque"]`, `writes = ["sensor", "plant_state"]`."""
 
+    @_required
     def step(self, torque):
         """Moves the arm by one tick. `torque` is the command (`wire.TorqueCommand`), or `None` if none arrived for this tick."""
-        raise NotImplementedError(f"{type(self).__name__} lacks the method step(self, torque)")
 
+    @_required
     def sample(self, tick, sensor, truth):
         """Fills in the sensors' readings (`wire.SensorSample`) and the truth (`wire.PlantState`), which only the judge and the pictures see."""
-        raise NotImplementedError(f"{type(self).__name__} lacks the method sample(self, tick, sensor, truth)")
 
     def tick(self, tick):
         if tick > 0:
@@ -148,11 +160,11 @@ class Plant(Process):
 class Controller(Process):
     """Computes the torque. The graph gives it `reads = ["estimate", "singularity"]` or the first alone, and `writes = ["control_state", "torque"]`."""
 
+    @_required
     def control(self, tick, estimate, singularity, state, torque):
         """Fills in `torque` (`wire.TorqueCommand`) and `state` (`wire.ControlState`). From `state`, the judge takes only `path_time_s`, the time reached on the
         scenario's path. It may pause, but must not jump or go back, and must reach the end before the phase is `PHASE_DONE`. `singularity` is `None` where the
         graph does not read it."""
-        raise NotImplementedError(f"{type(self).__name__} lacks the method control(self, tick, estimate, singularity, state, torque)")
 
     def tick(self, tick):
         topics = self.topics
@@ -162,9 +174,9 @@ class Controller(Process):
 class Operator(Process):
     """Steers the arm. The graph (`extends = "servo"`) gives it `reads = ["sensor"]`, `writes = ["target"]`, or other topics to read."""
 
+    @_required
     def steer(self, tick, target, **messages):
         """Fills in `target` (`wire.TargetContent`): kind, frame, validity, values. It still holds the target of the previous tick."""
-        raise NotImplementedError(f"{type(self).__name__} lacks the method steer(self, tick, target, **messages)")
 
     def tick(self, tick):
         target = self.joined.outputs["target"].target
@@ -175,9 +187,9 @@ class Operator(Process):
 class Observer(Process):
     """Sees every tick. In real time, no process waits for it. The graph gives it `reads = [...]`, any topics."""
 
+    @_required
     def see(self, tick, **messages):
         """Called at each tick, with the message of each topic that has a new one."""
-        raise NotImplementedError(f"{type(self).__name__} lacks the method see(self, tick, **messages)")
 
     def tick(self, tick):
         self.see(tick, **{name: message for name, message in self.joined.inputs.items() if self.is_fresh(name)})

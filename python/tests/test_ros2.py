@@ -158,11 +158,14 @@ class Face:
 
     def moves(self, v):
         """Sends a twist along x, again where those who have just met did not hear each other yet; how far the hand has gone."""
-        begin, end = self.hand()[0][0], monotonic() + 40
+        begin, sent_s, end = self.hand()[0][0], 0, monotonic() + 40
         while True:
-            self.send(TWIST, twist([v, 0, 0]), seconds=0.5)
+            times = self.send(TWIST, twist([v, 0, 0]), seconds=0.5)
+            sent_s += (times[-1] - times[0]) / 1e9
             self.rests()
             if abs(moved := self.hand()[0][0] - begin) > 0.005:
+                # 0.1 s that the last twist is valid, and 0.2 s to come to rest.
+                assert abs(moved) < abs(v) * (sent_s + 0.31), (moved, sent_s)
                 return moved
             assert monotonic() < end, self.said()
 

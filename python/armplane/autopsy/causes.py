@@ -308,7 +308,7 @@ def stops(m):
         start, before = max(0, a - 1 - np.argmax(speed[a - 1 :: -1] > 0.5 * peak)), speed[a - back : a].max()
         seconds = t[a - 1] - t[start]
         # Spare joints may move to the end of what the hand was asked for.
-        is_over = m.S is not None and len(until) and until.max() < 0.3 * np.quantile(asked, 0.9)
+        is_over = len(until) and until.max() < 0.3 * np.quantile(asked, 0.9)
         if goes_on or before > 0.5 * peak and seconds < 0.1 and not is_over:
             words = "while the command went on" if goes_on else f"from {before:.2f} rad/s within {seconds * 1000:.0f} ms"
             yield Found("stopped", t[start], f"it came to rest at {t[a]:.2f} s {words}")

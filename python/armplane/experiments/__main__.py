@@ -91,8 +91,6 @@ def _report(experiments, options):
 def _figures(experiments, options):
     settings = dict(_setting(one) for one in options.set)
     out = options.out or _next_folder("figures")
-    if out.exists() and any(out.iterdir()):
-        raise ValueError(f"{out} exists: choose another folder")
     numbers = experiments.figures(out, settings)
     print(json.dumps(numbers) if options.json else f"{out}\n  fig1-2, fig3, fig4, fig5: .svg, .pdf and .png; figures.json")
     return 0

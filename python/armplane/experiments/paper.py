@@ -29,7 +29,9 @@ X, Y, Z = np.eye(3)
 def figures(out, settings=None):
     """Runs the paper's scenarios, with `settings` overridden, and saves the figures and `figures.json` in the folder `out`; returns the numbers."""
     folder = pathlib.Path(out)
-    folder.mkdir(parents=True)
+    if folder.is_file() or folder.is_dir() and any(folder.iterdir()):
+        raise ValueError(f"{folder} exists: choose another folder")
+    folder.mkdir(parents=True, exist_ok=True)
     with ThreadPoolExecutor() as pool:
         fig1, fig2, elbow, overhead, fig4, fig5 = pool.map(lambda name: Recorded(name, settings), SCENARIOS)
     numbers = null_space(folder / "fig1-2", fig1, fig2)

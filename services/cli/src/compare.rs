@@ -8,7 +8,7 @@ use lab::studies::compare::{self, Compared, Lines, Request, SWEEP};
 use session::{Failure, load};
 use shared_types::scenario::Strategy;
 
-use crate::out::{say, say_json, show, whole as lack};
+use crate::out::{say, say_json, show, whole};
 use crate::progress::observe;
 use session::table::count as plural;
 
@@ -99,9 +99,9 @@ fn show_compared(request: &Request<'_>, as_json: bool) -> Result<ExitCode, Failu
             show(compared);
         }
     };
-    let (whole, folder) = compare::compare(request, &observe, &mut each)?;
+    let (results, folder) = compare::compare(request, &observe, &mut each)?;
     if as_json {
-        say!("{whole}");
+        say!("{results}");
     } else {
         say!("{}\n  compare.json", folder.display());
         if unreached > 0 {
@@ -110,7 +110,7 @@ fn show_compared(request: &Request<'_>, as_json: bool) -> Result<ExitCode, Failu
         }
     }
     let runs = plural(failed, "run");
-    lack((failed > 0).then(|| format!("{runs} failed: compare.json has the reasons")))
+    whole((failed > 0).then(|| format!("{runs} failed: compare.json has the reasons")))
 }
 
 /// Two laws in one recording.

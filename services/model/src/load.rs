@@ -156,7 +156,7 @@ fn unlimited(joints: &[Joint]) -> impl Iterator<Item = String> {
 
 /// Limits that look like degrees, and lengths that look like millimetres.
 fn in_other_units(joints: &[Joint]) -> impl Iterator<Item = String> {
-    // Turns beyond which no drive's cables last, and some write for no limit at all; m between joints.
+    // No cable lasts four turns; a thousand rad and more mean no limit.
     const TURNS: std::ops::Range<f64> = 4.0 * TAU..1e3;
     const LONG_M: f64 = 20.0;
     let named = |is_odd: fn(&Joint) -> bool| {

@@ -15,6 +15,7 @@ use shared_types::job::{JOB, Job};
 
 use crate::Failure;
 use crate::table::{number, table};
+use crate::text::from_here;
 
 /// A run that is alive.
 #[derive(Clone, Debug, Serialize)]
@@ -120,7 +121,7 @@ impl Living {
         Err(Failure::Input(format!(
             "the only run alive is {}, started from {from}; if you mean it, give --run {}",
             run.scenario,
-            run.place().display()
+            from_here(&run.folder).display()
         )))
     }
 
@@ -131,13 +132,6 @@ impl Living {
             .find(|run| (run.launcher_pid, &run.folder) == (self.launcher_pid, &self.folder))
     }
 
-    /// Its folder, from here where it is below.
-    fn place(&self) -> PathBuf {
-        let here = std::env::current_dir().unwrap_or_default();
-        let below = self.folder.strip_prefix(here);
-        below.unwrap_or(&self.folder).to_owned()
-    }
-
     /// A row for each.
     pub fn table(all: &[Self]) -> String {
         if all.is_empty() {
@@ -146,7 +140,7 @@ impl Living {
         let mut rows = table(&["folder", "scenario", "tick"]);
         for run in all {
             rows.add_row([
-                run.place().display().to_string().into(),
+                from_here(&run.folder).display().to_string().into(),
                 run.scenario.as_str().into(),
                 number(run.tick),
             ]);
@@ -160,7 +154,7 @@ impl fmt::Display for Living {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.scenario.as_str() {
             "" => f.write_str(&self.run),
-            scenario => write!(f, "{scenario} in {}", self.place().display()),
+            scenario => write!(f, "{scenario} in {}", from_here(&self.folder).display()),
         }
     }
 }

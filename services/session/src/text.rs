@@ -243,6 +243,15 @@ fn steered(f: &mut fmt::Formatter<'_>, servo: &ServoSummary) -> fmt::Result {
     Ok(())
 }
 
+/// A folder as one writes it here: relative where it is below.
+pub(crate) fn from_here(folder: &Path) -> &Path {
+    let here = std::env::current_dir().unwrap_or_default();
+    match folder.strip_prefix(here) {
+        Ok(below) if below.as_os_str().is_empty() => Path::new("."),
+        below => below.unwrap_or(folder),
+    }
+}
+
 fn files(f: &mut fmt::Formatter<'_>, summary: &Summary, folder: &Path) -> fmt::Result {
     if !summary.recorder.error.is_empty() {
         writeln!(f, "recording  {}", summary.recorder.error)?;
@@ -255,13 +264,7 @@ fn files(f: &mut fmt::Formatter<'_>, summary: &Summary, folder: &Path) -> fmt::R
         .into_iter()
         .filter_map(of);
     let files = files.collect::<Vec<_>>().join(", ");
-    // As one writes it here.
-    let here = std::env::current_dir().unwrap_or_default();
-    let folder = match folder.strip_prefix(here) {
-        Ok(own) if own.as_os_str().is_empty() => Path::new("."),
-        own => own.unwrap_or(folder),
-    };
-    let folder = folder.display();
+    let folder = from_here(folder).display();
     writeln!(f, "files      {folder}: {files}")?;
     if summary.recorder.bytes > 0 {
         writeln!(

@@ -60,12 +60,7 @@ impl PostureText<'_> {
             };
             let at = |q: f64| known(q, format!("{:.2}{place}", joint.kind.shown(q)));
             // Rounding of a torque of zero.
-            let under = |x: f64| {
-                known(
-                    x,
-                    format!("{} {load}", digits(if x.abs() < 1e-9 { 0.0 } else { x })),
-                )
-            };
+            let under = |x: f64| known(x, format!("{} {load}", near_zero(x)));
             let q = posture.q[i];
             let numbers = [
                 format!("{q:.6}"),

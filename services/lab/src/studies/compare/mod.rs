@@ -121,7 +121,7 @@ pub fn compare(
     let results = Results::create(request.out, "compare")?;
     let mut comparisons = Vec::new();
     for (robot, graphs, mut compared) in begun {
-        compared.run(&robot, &graphs, request, (observer, &go_on))?;
+        compared.run(&robot, &graphs, request, observer, &go_on)?;
         each(&compared);
         comparisons.push(compared.json());
         for (number, task) in compared.unreached() {
@@ -171,14 +171,14 @@ impl Compared {
         robot: &Robot,
         graphs: &[Option<Graph>],
         request: &Request<'_>,
-        (observer, go_on): (Observer<'_>, &(dyn Fn() -> Result<(), Failure> + Sync)),
+        observer: Observer<'_>,
+        go_on: &(dyn Fn() -> Result<(), Failure> + Sync),
     ) -> Result<(), Failure> {
         let (name, tasks) = (&self.scenario.name, &self.tasks);
         let under = |(law, graph)| tasks.iter().map(move |task| (law, graph, task));
         let all: Vec<_> = request.laws.iter().zip(graphs).flat_map(under).collect();
         let plans = self.is_exact;
         let run = |(law, graph, task): &(&Law, &Option<Graph>, &Drawn)| {
-            go_on()?;
             let line = run(robot, law, graph.as_ref(), task, plans);
             observer(Progress::Step);
             go_on().map(|()| line)
