@@ -43,7 +43,8 @@ replaced() {
 # Waits for its end. It leaves nothing; its output is printed, and its exit code returned.
 ended() {
     code=0
-    wait $launcher || code=$?
+    # Without -f a launcher that was stopped and goes on may count as ended.
+    wait -f $launcher || code=$?
     cat out
     cat err >&2
     if ls /dev/shm | grep -e "-$launcher-" || pgrep -f "[ ]--run /dev/shm/armplane-[^ ]*-$launcher-"; then exit 99; fi
