@@ -1,5 +1,6 @@
 """Starts runs from Python, and reads their results as tables, without the Rerun viewer."""
 
+import argparse
 import functools
 import html
 import json
@@ -22,6 +23,13 @@ def _program():
         if built.is_file():
             return str(built)
     raise FileNotFoundError("there is no program `armplane` in PATH: install the wheel that `python/build` makes, or set ARMPLANE to its path")
+
+
+class Parser(argparse.ArgumentParser):
+    """Answers a mistake with one sentence, as the program does."""
+
+    def error(self, message):
+        self.exit(2, f"{self.prog}: {message.removeprefix('argument ')}: see {self.prog} --help\n")
 
 
 def _sentence(stderr):

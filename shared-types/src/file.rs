@@ -370,7 +370,7 @@ mod tests {
         assert_eq!(error.line(), Some(6));
         assert_eq!(
             error.to_string(),
-            "a.toml:6: unknown field `duration` (did you mean `duration_s`?)"
+            "a.toml:6: unknown key `duration` (did you mean `duration_s`?)"
         );
     }
 

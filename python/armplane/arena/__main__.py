@@ -23,7 +23,7 @@ from pathlib import Path
 
 import armplane
 
-from ..results import _armplane, _program, _sentence, toml
+from ..results import Parser, _armplane, _program, _sentence, toml
 from . import GIVEN_CLOCK as BASE
 from . import NO_HINTS, OPPONENTS, OWN_CLOCK, tasks
 from .tasks import DATA
@@ -449,13 +449,13 @@ def save(folder, rows, digest, command):
 
 def positive(text):
     """An option's number of at least 1."""
-    if int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text} is less than 1")
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number from 1")
     return int(text)
 
 
 def arguments():
-    parser = argparse.ArgumentParser("armplane arena", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, epilog=tasks.__doc__)
+    parser = Parser("armplane arena", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, epilog=tasks.__doc__)
     add = parser.add_argument
     add("--law", action="append", metavar="NAME[=FILE.py][:KEY=VALUE]", help="a law of armplane, an opponent, or a file of yours; repeatable [default: all that are installed]")
     add("--size", choices=tuple(DATA["sizes"]), default="short", help="how many tasks [default: short]")

@@ -36,10 +36,10 @@ time, of the plan: time_stretch""".splitlines()
 # Of the table: the median of a column over the runs to the end, or its largest value.
 NUMBERS = dict(
     one.split(": ")
-    for one in """⊥ ζ median, mm: orthogonal_max_mm
-⊥ °: orthogonal_max_deg
-∥ ζ median, mm: along_max_mm
-∥ °: along_max_deg
+    for one in """orthogonal to ζ, median, mm: orthogonal_max_mm
+orthogonal, °: orthogonal_max_deg
+along ζ, median, mm: along_max_mm
+along, °: along_max_deg
 step median: torque_step_max_ratio
 speed, most: speed_max_ratio
 torque, most: torque_max_ratio

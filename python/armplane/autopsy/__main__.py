@@ -1,17 +1,17 @@
 """`armplane autopsy`: its arguments, a process for each log with limits of time and memory, and what it prints."""
 
-import argparse
 import json
 import pathlib
 import sys
 
 from ..limited import Ended, limited
+from ..results import Parser
 
 INSTALL = "pip install 'armplane[autopsy]' (docs/autopsy.md)"
 
 
 def arguments():
-    parser = argparse.ArgumentParser(prog="armplane autopsy", description="Says what happened in a robot's log, when, and why; above all, whether it was a singularity.")
+    parser = Parser(prog="armplane autopsy", description="Says what happened in a robot's log, when, and why; above all, whether it was a singularity.")
     add = parser.add_argument
     add("logs", nargs="+", metavar="LOG", help="a CSV, Parquet, MCAP or .db3 file, a folder of rosbag2, LeRobot or a run, or a folder of these")
     add("--robot", help="a built-in arm, a URDF or MJCF file [default: the log's /robot_description]")

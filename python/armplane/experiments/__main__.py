@@ -1,13 +1,12 @@
 """The commands `armplane sweep`, `armplane figures` and `armplane servo --seeds`."""
 
-import argparse
 import json
 import sys
 from pathlib import Path
 
 import armplane
 
-from ..results import _next_folder, read_toml
+from ..results import Parser, _next_folder, read_toml
 
 # Of a sweep's file and its tables: the keys that it needs, and others.
 KEYS = {"": ("name scenario key", "set sample"), "sample: ": ("runs", "seed method"), "key: ": ("key", "values from to steps scale")}
@@ -15,7 +14,7 @@ LACK = "pip install 'armplane[experiments]' (docs/sweeps.md)"
 
 
 def main():
-    parser = argparse.ArgumentParser(prog="armplane")
+    parser = Parser(prog="armplane")
     commands = parser.add_subparsers(dest="command", required=True)
     sweep = commands.add_parser("sweep")
     sweep.add_argument("file", type=Path, help="the sweep's TOML file")
@@ -50,7 +49,7 @@ def main():
     except (ValueError, OSError, ImportError) as error:
         return _refuse(error)
     except KeyboardInterrupt:
-        print("armplane: stopped; the same command goes on", file=sys.stderr)
+        print(f"armplane: stopped; the same command {'goes on' if options.command == 'sweep' else 'begins anew'}", file=sys.stderr)
         return 130
 
 

@@ -2,6 +2,7 @@
 
 import json
 import pathlib
+import tempfile
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -32,6 +33,15 @@ def figures(out, settings=None):
     if folder.is_file() or folder.is_dir() and any(folder.iterdir()):
         raise ValueError(f"{folder} exists: choose another folder")
     folder.mkdir(parents=True, exist_ok=True)
+    # Who is stopped leaves an empty folder, in which the same command begins anew.
+    with tempfile.TemporaryDirectory(dir=folder) as draft:
+        numbers = _drawn(pathlib.Path(draft), settings)
+        for file in pathlib.Path(draft).iterdir():
+            file.replace(folder / file.name)
+    return numbers
+
+
+def _drawn(folder, settings):
     with ThreadPoolExecutor() as pool:
         fig1, fig2, elbow, overhead, fig4, fig5 = pool.map(lambda name: Recorded(name, settings), SCENARIOS)
     numbers = null_space(folder / "fig1-2", fig1, fig2)

@@ -1,6 +1,5 @@
 """`python -m armplane.play`: its arguments, and a folder that disappears however the page ends."""
 
-import argparse
 import contextlib
 import os
 import secrets
@@ -11,7 +10,7 @@ import sys
 import tempfile
 from importlib.util import find_spec
 
-from ..results import _program
+from ..results import Parser, _program
 
 NEEDED = ("viser", "numpy", "armplane._armplane")
 INSTALL = "pip install the wheel that `python/build` makes, with its extra [play] (docs/play.md)"
@@ -19,7 +18,7 @@ INSTALL = "pip install the wheel that `python/build` makes, with its extra [play
 
 def arguments():
     about = "Opens a page in the browser where you drag an arm by its hand."
-    parser = argparse.ArgumentParser(prog="armplane play", description=about)
+    parser = Parser(prog="armplane play", description=about)
     add = parser.add_argument
     add("subject", nargs="?", default="puma560", metavar="ROBOT|SCENARIO|FILE")
     add("--host", default="127.0.0.1", help="address to listen on [default: 127.0.0.1]")

@@ -292,7 +292,8 @@ class Page:
             is_short = monotonic() - session.began < 10
             self.failures = self.failures + 1 if is_short else 1
             if session.seen is None and self.home is None or self.failures > 3:
-                raise SystemExit(f"armplane play: {self.story[-1].removeprefix('armplane: ')}")
+                print(f"armplane play: {self.story[-1].removeprefix('armplane: ')}", file=sys.stderr)
+                raise SystemExit(max(session.process.returncode, 1))
             self.story.append("The run has ended; another one begins.")
             knows = session.seen and self.home is not None
             self._begin(self._posture() if knows else self.home)

@@ -2,7 +2,7 @@
 
 use arm::{Given, Row, State, Task};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
-use pyo3::exceptions::{PyIndexError, PyMemoryError};
+use pyo3::exceptions::{PyIndexError, PyMemoryError, PyTypeError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -25,11 +25,18 @@ impl Law {
     #[new]
     #[pyo3(signature = (arm, dt=0.001, q=None, settings=None))]
     fn new(
-        arm: &Arm,
+        arm: &Bound<'_, PyAny>,
         dt: f64,
         q: Option<&Bound<'_, PyAny>>,
         settings: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Self> {
+        let Ok(arm) = arm.cast::<Arm>() else {
+            let given = arm.repr()?;
+            let why =
+                format!("arm is {given}: give an Arm, such as armplane.Arm.builtin(\"puma560\")");
+            return Err(PyTypeError::new_err(why));
+        };
+        let arm = arm.get();
         let mut keys = Vec::new();
         for (key, value) in settings.into_iter().flatten() {
             // As TOML has it: true, not True.

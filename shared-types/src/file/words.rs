@@ -41,6 +41,10 @@ pub(super) fn explain(message: &str) -> (String, String) {
             format!("it must be {}", allowed("any valid TOML value")),
         );
     }
+    if message.starts_with("key with no value") {
+        let remedy = "each line of TOML is key = value, [table], or # comment";
+        return ("this line is no TOML".to_owned(), remedy.to_owned());
+    }
     if message == "duplicate key" {
         let remedy = "leave one out; a list of tables has two brackets, as in [[segment]]";
         return ("the key stands here twice".to_owned(), remedy.to_owned());
@@ -79,6 +83,10 @@ pub(super) fn explain(message: &str) -> (String, String) {
             format!("it must be {}", allowed(expected)),
         );
     }
+    // The words of Rust, as those of a file.
+    let wrong = wrong
+        .replace("unknown variant", "unknown value")
+        .replace("unknown field", "unknown key");
     let known = || expected.split('`').skip(1).step_by(2);
     let written = wrong.split('`').nth(1).unwrap_or_default();
     let near = Some(written).filter(|written| !written.is_empty());
@@ -86,7 +94,7 @@ pub(super) fn explain(message: &str) -> (String, String) {
         Some(name) => format!("did you mean `{name}`?"),
         None => format!("expected {expected}"),
     };
-    (wrong.to_owned(), remedy)
+    (wrong, remedy)
 }
 
 /// Letters by which the nearest name may differ.
@@ -110,6 +118,9 @@ const OTHER_WORDS: [(&str, &str); 8] = [
 /// The known name that a written one most likely means: by its initials, by a part of it, by a few letters, or by another word for it.
 pub fn nearest<'a>(written: &str, known: impl Iterator<Item = &'a str> + Clone) -> Option<&'a str> {
     let written = written.to_lowercase();
+    if written.is_empty() {
+        return None;
+    }
     let is_one = |words: &str| words.split(' ').any(|word| word == written);
     let others = OTHER_WORDS.iter().filter(|(words, _)| is_one(words));
     let mut words = std::iter::once(&*written).chain(others.map(|(_, word)| *word));
@@ -263,6 +274,16 @@ mod tests {
                 "invalid type: map, expected a sequence",
                 "a table does not fit here",
                 "a list of tables has two brackets, as in [[segment]]",
+            ),
+            (
+                "unknown variant `quick`, expected `lockstep` or `realtime`",
+                "unknown value `quick`",
+                "expected `lockstep` or `realtime`",
+            ),
+            (
+                "key with no value, expected `=`",
+                "this line is no TOML",
+                "each line of TOML is key = value, [table], or # comment",
             ),
             (
                 "duplicate key",

@@ -28,7 +28,12 @@ impl fmt::Display for Compared {
 }
 
 /// Headings of a row's errors.
-const ERRORS: [&str; 4] = ["⊥\u{a0}ζ, mm", "⊥\u{a0}ζ, °", "∥\u{a0}ζ, mm", "∥\u{a0}ζ, °"];
+const ERRORS: [&str; 4] = [
+    "orthogonal\nto ζ, mm",
+    "orthogonal\nto ζ, °",
+    "along\nζ, mm",
+    "along\nζ, °",
+];
 
 /// The errors of a row that may be none.
 fn errors(row: Option<&Row>) -> [Cell; 4] {
@@ -77,7 +82,7 @@ impl Compared {
         let (s1, s2) = (Bounds::s1(), Bounds::s2());
         writeln!(
             f,
-            "⊥ ζ: largest error orthogonal to the singular directions, ∥ ζ: along them; speed, torque: of the joints' limits.\n\
+            "Largest errors, orthogonal to the singular directions ζ and along them; largest speed and torque, of the joints' limits.\n\
              Laws within 10 % of the smallest error tie.\n\
              S1: orthogonal to ζ and at the end less than {} mm and {}°, no limit of a joint broken.\n\
              S2: less than {} mm and {}° orthogonal to ζ, less than {} mm and {}° along it.",
