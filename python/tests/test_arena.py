@@ -242,6 +242,31 @@ def test_the_arena_runs_continues_and_repeats_itself(tmp_path):
     assert pathlib.Path(tmp_path / "a/arena.html").stat().st_size > 1000
 
 
+# In its first run it fails at its first tick.
+FAILING = HOME_MADE + """
+    def setup(self, arm):
+        self.mark = __import__("pathlib").Path(__file__).with_suffix(".failed")
+        self.fails = not self.mark.exists()
+
+    def torque(self, q, qdot, ref):
+        if self.fails:
+            self.mark.touch()
+            {how}
+        return super().torque(q, qdot, ref)
+"""
+
+
+@pytest.mark.parametrize("how, why", [("1 / 0", "ZeroDivisionError"), ("__import__('os')._exit(3)", "ended"), ("__import__('time').sleep(1000)", "within 3 s")])
+def test_an_opponent_that_fails_has_another_process_for_its_next_run(tmp_path, how, why):
+    pytest.importorskip("mujoco")
+    (tmp_path / "failing.py").write_text(FAILING.replace("{how}", how))
+    done = arena(tmp_path / "a", f"--lines 1 --jobs 1 --join-limit 3 --law failing={tmp_path}/failing.py")
+    assert done.returncode == 0, done.stderr
+    first, second = rows_of(tmp_path / "a")
+    assert first["outcome"] == "failed" and why in first["reason"], first["reason"]
+    assert second["completed"]
+
+
 def test_tracks_and_variations_are_rows_of_their_own(tmp_path):
     pytest.importorskip("mujoco")
     (tmp_path / "mine.py").write_text(HOME_MADE)

@@ -11,7 +11,6 @@ import math
 import os
 import shlex
 import signal
-import subprocess
 import sys
 import tempfile
 import threading
@@ -26,6 +25,7 @@ import armplane
 from ..results import Parser, _armplane, _program, _sentence, toml
 from . import GIVEN_CLOCK as BASE
 from . import NO_HINTS, OPPONENTS, OWN_CLOCK, tasks
+from .children import CHILDREN
 from .tasks import DATA
 
 try:
@@ -43,18 +43,17 @@ else:
 TUNED = " tuned"
 # Longest run of a law on a task, and longest time in which an opponent loads and joins it (--join-limit); s.
 LONGEST, MOST_TRIALS = {"run": 1800, "join": 120}, 6
-# The graph of a run under an opponent: compilers and large packages are at work before its first answer.
+# The graph of a run under an opponent, whose process joins it: compilers and large packages are at work before its first answer.
 GRAPH = """extends = "armplane"
 [[process]]
 name = "controller"
-command = {command}
+external = true
 restart = "never"
 answer_limit_s = {join}
 join_limit_s = {join}
 reads = ["estimate", "singularity"]
 writes = ["control_state", "torque"]
 """
-HOST = "from armplane.arena.host import main; main()"
 # The ticks by which an estimate is late in the row that has its name.
 LATE = "delay 2 ticks"
 # Columns that differ from one time to the next, or say nothing of the arm.
@@ -93,7 +92,7 @@ class Entry:
     def graph(self, folder):
         """Writes the graph of an opponent's run. The opponent was loaded once before the table, so it need not be checked before each run."""
         path = Path(folder) / "graph.toml"
-        path.write_text(GRAPH.format(command=json.dumps([sys.executable, "-c", HOST, self.argument]), join=LONGEST["join"]))
+        path.write_text(GRAPH.format(join=LONGEST["join"]))
         return str(path)
 
 
@@ -134,7 +133,7 @@ def _value(text):
 def asked_file(file, settings):
     """The reason why an opponent cannot run here (empty if it can), and the facts about its class."""
     command = [sys.executable, "-m", "armplane.arena.host", str(file)]
-    done = CHILDREN.run(command, {**os.environ, "ARMPLANE_ARENA": json.dumps(settings)}, LONGEST["join"])
+    done = CHILDREN.run(command, LONGEST["join"], ARMPLANE_ARENA=json.dumps(settings))
     if done is None:
         return f"it does not load within {LONGEST['join']} s: --join-limit allows more", {}
     code, out, error = done
@@ -146,25 +145,6 @@ def asked_file(file, settings):
         return "it replaces the standard output, from which the arena reads the facts about its class", {}
     count = len(about["trials"])
     return f"its class has {count} trials: at most {MOST_TRIALS}" if count > MOST_TRIALS else "", about
-
-
-class End(threading.Thread):
-    """Reads all that a program writes, and keeps the last of it: one that floods neither waits nor fills the memory."""
-
-    KEPT = 1 << 16
-
-    def __init__(self, stream):
-        super().__init__(daemon=True)
-        self.stream, self.kept = stream, b""
-        self.start()
-
-    def run(self):
-        while part := self.stream.read1(self.KEPT):
-            self.kept = (self.kept + part)[-self.KEPT :]
-
-    def text(self):
-        self.join(1)
-        return self.kept.decode(errors="replace")
 
 
 def tuned(found, table, folder, jobs):
@@ -186,48 +166,6 @@ def tuned(found, table, folder, jobs):
         print(f"{name} tuned: {json.dumps(best.settings)}, {worth(best)[0]} of {len(todo)} training lines", file=sys.stderr)
         out.append(best.with_settings(name + TUNED))
     return out
-
-
-class Children:
-    """The current runs, each in its own session, so that Ctrl-C ends them in order: first the arena, then its runs."""
-
-    # So long an interrupted run may take to end, s.
-    PATIENCE_S = 20
-
-    def __init__(self):
-        self.lock, self.running, self.stopped = threading.Lock(), set(), False
-
-    def run(self, command, environment, seconds):
-        """Exit code, standard output and standard error of a program, or `None` after [`stop`] or a timeout. Whatever it has started ends with it."""
-        with self.lock:
-            if self.stopped:
-                return None
-            pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-            child = subprocess.Popen(command, env=environment, start_new_session=True, **pipes)
-            self.running.add(child)
-        ends, is_late = [End(child.stdout), End(child.stderr)], False
-        try:
-            child.wait(seconds)
-        except subprocess.TimeoutExpired:
-            is_late = True
-            child.send_signal(signal.SIGINT)
-            with suppress(subprocess.TimeoutExpired):
-                child.wait(self.PATIENCE_S)
-        finally:
-            with suppress(ProcessLookupError):
-                os.killpg(child.pid, signal.SIGKILL)
-            child.wait()
-            self.running.discard(child)
-        return None if is_late or self.stopped else (child.returncode, *(end.text() for end in ends))
-
-    def stop(self):
-        with self.lock:
-            self.stopped = True
-            for child in self.running:
-                child.send_signal(signal.SIGINT)
-
-
-CHILDREN = Children()
 
 
 def run(entry, task, condition, more=()):
@@ -272,9 +210,20 @@ def tried(entry, task, more):
 def one_run(entry, scenario, folder, more, record=False):
     """The same numbers from `armplane run` in `folder`/run, which can inject faults and record."""
     law = sets(entry.scenario()) if entry.own else ["--graph", entry.graph(folder)]
-    environment = {**os.environ, "ARMPLANE_ARENA": entry.attributes(), "ARMPLANE_ARENA_COST": f"{folder}/cost"}
+    opponent = None if entry.own else CHILDREN.opponent(entry.argument)
     command = [_program(), "run", str(scenario), *law, *more, *([] if record else ["--no-record"]), "--out", f"{folder}/run", "--json"]
-    done, file = CHILDREN.run(command, environment, LONGEST["run"]), Path(folder) / "run/summary.json"
+    done = CHILDREN.run(command, LONGEST["run"], opponent, ARMPLANE_ARENA=entry.attributes(), ARMPLANE_ARENA_COST=f"{folder}/cost")
+    found = told(done, Path(folder) / "run/summary.json")
+    if opponent and not found.get("completed"):
+        if opponent.has_died():
+            found.update(outcome="failed", reason=opponent.last_words() or found["reason"])
+        # Whatever has gone wrong in it, the next run has another one.
+        CHILDREN.dismiss()
+    return found
+
+
+def told(done, file):
+    """The numbers of a run that has ended, from its summary."""
     if done is None:
         return {"outcome": "silent", "reason": f"no end within {LONGEST['run']} s"}
     code, _, error = done
@@ -419,12 +368,15 @@ class Table:
         spread = lambda: os.sched_setaffinity(0, {next(cores)}) if jobs > 1 else None
         with concurrent.futures.ThreadPoolExecutor(jobs, initializer=spread) as pool:
             try:
-                for future in [pool.submit(one, cell) for cell in left]:
+                # Law by law: an opponent's process takes one run after another.
+                for future in [pool.submit(one, cell) for cell in sorted(left, key=lambda cell: cell[0].argument)]:
                     future.result()
             except KeyboardInterrupt:
                 CHILDREN.stop()
                 pool.shutdown(cancel_futures=True)
                 raise
+            finally:
+                CHILDREN.close()
         # An opponent may have written to the file.
         self.write()
         return [self.rows[self.key(*cell)] for cell in cells]
@@ -493,6 +445,8 @@ def main():
     except KeyboardInterrupt:
         CHILDREN.stop()
         sys.exit("armplane arena: stopped; the same command goes on from here")
+    finally:
+        CHILDREN.close()
 
 
 def conditions(asked, found, todo, folder):

@@ -495,6 +495,7 @@ pub unsafe extern "C" fn armplane_process_leave(process: *mut armplane_process) 
         std::mem::forget(process);
         return code;
     }
-    let _ = catch_unwind(AssertUnwindSafe(|| drop(process)));
+    let armplane_process { joined, error, .. } = *process;
+    let _ = catch_unwind(AssertUnwindSafe(|| joined.leave(&error.to_string_lossy())));
     code
 }

@@ -163,6 +163,15 @@ impl Joined {
         }
     }
 
+    /// Leaves the run, and tells a process that stands for this one, and why it could not go on; nothing: it could.
+    pub fn leave(self, why: &str) {
+        let stand_in = self.shell.stand_in();
+        drop(self);
+        if let Some(stand_in) = stand_in {
+            crate::stand_in::part(&stand_in, why);
+        }
+    }
+
     /// The shell of the process.
     pub fn shell(&self) -> &Shell {
         &self.shell

@@ -1,5 +1,6 @@
 //! A process that stands for a program which a person, or another program, starts: the launcher has a child to watch, and the program its place.
 
+use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -16,7 +17,13 @@ use crate::shell::{OpenError, ProcessError, Shell};
 /// How often it looks.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// The file in which a program that the launcher has not started itself leaves its process id.
+/// So long a program that has left the run may be ahead of the run's end.
+const AHEAD: Duration = Duration::from_secs(1);
+
+/// What a program writes that has left the run, before the reason why it could not go on.
+const LEFT: &str = "left ";
+
+/// The file in which a program that the launcher has not started itself leaves its process id, and then that it has left the run.
 fn place(run: &Path, process: &str) -> PathBuf {
     run.join(format!("guest-{process}"))
 }
@@ -30,14 +37,30 @@ impl Shell {
             return Ok(());
         }
         self.shared().look_out.watch(started);
-        let path = place(self.run_dir(), self.name());
-        let unfinished = path.with_added_extension("new");
-        std::fs::write(&unfinished, own.to_string())?;
-        std::fs::rename(unfinished, path)
+        leave(&place(self.run_dir(), self.name()), &own.to_string())
+    }
+
+    /// Where another process that stands for this one reads that it has left.
+    pub(crate) fn stand_in(&self) -> Option<PathBuf> {
+        let started = Pid::from_raw(self.shared().entry().pid() as i32);
+        (started != Some(getpid())).then(|| place(self.run_dir(), self.name()))
     }
 }
 
-/// Says how to start the program of a process, waits for it, at most so long, and stays until it has ended.
+/// Writes a text whole or not at all.
+fn leave(path: &Path, text: &str) -> std::io::Result<()> {
+    let unfinished = path.with_added_extension("new");
+    std::fs::write(&unfinished, text)?;
+    std::fs::rename(unfinished, path)
+}
+
+/// Tells the process that stands for this one that it has left the run, and why it could not go on; nothing: it could.
+pub(crate) fn part(stand_in: &Path, why: &str) {
+    // Without the file that one waits until this process has ended.
+    let _ = leave(stand_in, &format!("{LEFT}{why}"));
+}
+
+/// Says how to start the program of a process, waits for it, at most so long, and stays until it has left the run or ended.
 ///
 /// # Errors
 /// [`ProcessError`] if it does not come, or ends before the run does.
@@ -75,21 +98,40 @@ pub fn stand_in(run: &Path, process: &str, limit: Duration) -> Result<(), Proces
         std::thread::sleep(LOOK);
     };
     // Without a descriptor it has ended already.
+    let program = pidfd_open(pid, PidfdFlags::empty()).ok();
+    let why = loop {
+        let has_ended = program.as_ref().is_none_or(has_ended);
+        let text = std::fs::read_to_string(&path).unwrap_or_default();
+        match text.strip_prefix(LEFT) {
+            Some(why) => break Some(why.to_owned()),
+            None if has_ended => break None,
+            None => {}
+        }
+    };
+    let left = Instant::now();
+    while why.as_deref() == Some("") && !is_stopping() && left.elapsed() < AHEAD {
+        std::thread::sleep(LOOK);
+    }
+    match is_stopping() {
+        true => Ok(()),
+        false => Err(ProcessError::setup(
+            match why.filter(|why| !why.is_empty()) {
+                Some(why) => why,
+                None => format!(
+                    "the program of {process} has ended at tick {}, before the run",
+                    page.process(me).ticks()
+                ),
+            },
+        )),
+    }
+}
+
+/// Whether a program has ended, after a look that takes some time.
+fn has_ended(program: &OwnedFd) -> bool {
     let limit = Timespec {
         tv_sec: 0,
         tv_nsec: LOOK.as_nanos() as i64,
     };
-    if let Ok(program) = pidfd_open(pid, PidfdFlags::empty()) {
-        while matches!(
-            poll(&mut [PollFd::new(&program, PollFlags::IN)], Some(&limit)),
-            Ok(0) | Err(_)
-        ) {}
-    }
-    match is_stopping() {
-        true => Ok(()),
-        false => Err(ProcessError::setup(format_args!(
-            "the program of {process} has ended at tick {}, before the run",
-            page.process(me).ticks()
-        ))),
-    }
+    let found = poll(&mut [PollFd::new(program, PollFlags::IN)], Some(&limit));
+    !matches!(found, Ok(0) | Err(_))
 }
