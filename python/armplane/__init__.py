@@ -19,16 +19,18 @@ from . import wire
 from .joined import Joined, ProcessError
 from .lazy import found
 from .process import Controller, Observer, Operator, Plant, Process
-from .results import Run, load, run
+from .results import Run, extra, load, run
 
 _PLACES = {"_armplane": ("Arm", "Law", "LawState", "Posture", "Reference", "Singularity"), "trials": ("laws", "lines", "trace", "trial")}
 
 __all__ = ["Controller", "Joined", "Observer", "Operator", "Plant", "Process", "ProcessError", "Run", "load", "run", "subscribe", "wire", *sum(_PLACES.values(), ())]
+__dir__ = lambda: __all__
 
 
 def subscribe(topic, run=None):
     """Listens to a topic of a run in progress, from outside: `for torque in armplane.subscribe("torque"): ...` (needs iceoryx2)."""
-    from .live import Subscriber
+    with extra("live"):
+        from .live import Subscriber
 
     return Subscriber(topic, run)
 

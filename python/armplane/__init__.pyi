@@ -11,6 +11,7 @@ from ._armplane import Arm as Arm, Law as Law, LawState as LawState, Posture as 
 
 _Path = str | PathLike[str]
 _Settings = Mapping[str, object]
+_Faults = _Settings | Iterable[_Settings]
 
 class ProcessError(Exception): ...
 
@@ -94,13 +95,14 @@ class Run:
 def load(folder: _Path) -> Run: ...
 def run(
     scenario: _Path,
+    settings: _Settings | None = None,
+    faults: _Faults | None = None,
+    seed: int | None = None,
     *,
     graph: _Path | None = None,
     plant: str | None = None,
     mode: Literal["lockstep", "realtime"] | None = None,
-    seed: int | None = None,
     out: _Path | None = None,
-    settings: _Settings | None = None,
     record: bool = True,
 ) -> Run: ...
 def subscribe(topic: str, run: _Path | None = None) -> Iterator[Any]: ...
@@ -108,7 +110,5 @@ def laws(all: bool = False) -> list[str]: ...
 def lines(
     robot: _Path, count: int, seed: int = 1, kind: Literal["one", "two", "near"] = "one", *, speed: float = 0.28, settings: _Settings | None = None
 ) -> list[dict[str, Any]]: ...
-def trace(scenario: _Path, settings: _Settings | None = None, faults: Iterable[Mapping[str, object]] | None = None, seed: int | None = None) -> Any: ...
-def trial(
-    scenario: _Path, settings: _Settings | None = None, faults: Iterable[Mapping[str, object]] | None = None, seed: int | None = None
-) -> dict[str, Any]: ...
+def trace(scenario: _Path, settings: _Settings | None = None, faults: _Faults | None = None, seed: int | None = None) -> Any: ...
+def trial(scenario: _Path, settings: _Settings | None = None, faults: _Faults | None = None, seed: int | None = None) -> dict[str, Any]: ...

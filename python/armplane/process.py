@@ -3,6 +3,7 @@
 import functools
 import inspect
 import os
+import re
 import sys
 import threading
 import traceback
@@ -37,6 +38,11 @@ def _place(error):
     frames = traceback.extract_tb(error.__traceback__)
     own = [frame for frame in frames if not frame.filename.startswith((sys.prefix, sys.base_prefix, os.path.dirname(__file__), "<"))]
     return f" ({os.path.basename(own[-1].filename)}, line {own[-1].lineno})" if own else ""
+
+
+def _remedy(error, dof):
+    """What ctypes does not say where an array of a message is given a wrong number of values."""
+    return f": fill arrays as in `torque.tau[:self.dof] = tau`, self.dof is {dof}" if re.search("_Array_|of same size", str(error)) else ""
 
 
 class Process:
@@ -115,7 +121,7 @@ class Process:
         except (Exception, SystemExit) as error:
             # Also an orderly exit: the run goes on without this process.
             traceback.print_exc()
-            joined.fail(f"{type(error).__name__}: {error}{_place(error)}")
+            joined.fail(f"{type(error).__name__}: {error}{_place(error)}{_remedy(error, joined.now.dof)}")
         sys.stdout.flush()
         if code := joined.leave():
             sys.exit(code)

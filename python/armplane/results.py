@@ -1,6 +1,7 @@
 """Starts runs from Python, and reads their results as tables, without the Rerun viewer."""
 
 import argparse
+import contextlib
 import functools
 import html
 import json
@@ -9,7 +10,10 @@ import shutil
 import subprocess
 import sysconfig
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
+
+INSTALL = "pip install the wheel that `python/build` makes (docs/python.md) with its extra [{}]"
 
 
 def _program():
@@ -28,8 +32,29 @@ def _program():
 class Parser(argparse.ArgumentParser):
     """Answers a mistake with one sentence, as the program does."""
 
+    def parse_known_args(self, *given):
+        known, unknown = super().parse_known_args(*given)
+        if unknown:
+            import difflib
+
+            names = [name.lstrip("-") for name in self._option_string_actions]
+            near = difflib.get_close_matches(unknown[0].lstrip("-").partition("=")[0], names, 1)
+            self.error(f"{unknown[0]} is unknown{''.join(f' (did you mean --{name}?)' for name in near)}")
+        return known, unknown
+
     def error(self, message):
-        self.exit(2, f"{self.prog}: {message.removeprefix('argument ')}: see {self.prog} --help\n")
+        # Without `--`, the program gives its own help, which does not have these options.
+        command, wrong = self.prog.split(), message.removeprefix("argument ")
+        self.exit(2, f"{self.prog}: {wrong}: see {' '.join([*command[:2], '--', *command[2:], '--help'])}\n")
+
+
+@contextlib.contextmanager
+def extra(name):
+    """Says of an import that fails within it which extra has what is missing."""
+    try:
+        yield
+    except ImportError as error:
+        raise ImportError(f"{error}: {INSTALL.format(name)}") from error
 
 
 def _sentence(stderr):
@@ -53,6 +78,8 @@ class Run:
 
     def __init__(self, folder):
         self.folder = Path(folder)
+        if not (self.folder / "summary.json").is_file():
+            raise FileNotFoundError(f"{folder} is not the folder of a finished run: it has no summary.json")
         self.summary = json.loads((self.folder / "summary.json").read_text())
 
     def __repr__(self):
@@ -65,16 +92,16 @@ class Run:
 
     def messages(self, topic):
         """Every message of a topic, as a structured `numpy` array: `run.messages("torque")["tau"]`."""
-        from . import messages
+        with extra("messages"):
+            from . import messages
 
         return messages.read(self.folder / "messages.mcap", topic)
 
     def arrow(self, table="signals"):
         """The signals, one row per tick (or "events"), as a `pyarrow.Table`. Each field's metadata has `unit` and `description`."""
-        try:
+        with extra("notebook"):
             from pyarrow import parquet
-        except ImportError as error:
-            raise ImportError(f"{error}: pip install 'armplane[notebook]'") from error
+
         with tempfile.TemporaryDirectory() as folder:
             _armplane("export", self.folder, "--format", "parquet", "--out", folder)
             return parquet.read_table(f"{folder}/{table}.parquet")
@@ -131,18 +158,18 @@ def load(folder):
     return Run(folder)
 
 
-def run(scenario, *, graph=None, plant=None, mode=None, seed=None, out=None, settings=None, record=True):
+def run(scenario, settings=None, faults=None, seed=None, *, graph=None, plant=None, mode=None, out=None, record=True):
     """Runs a scenario (built-in name, or path of a file) to its end, and returns the `Run`.
 
-    `settings` overrides values of the scenario: `{"control.k_p": 900}`. `plant="mujoco"` simulates the arm in MuJoCo. Raises `RuntimeError` with armplane's
-    message if the run cannot start. A run that misses its goal raises nothing.
+    `settings`, `faults` and `seed` are those of `trial`. `plant="mujoco"` simulates the arm in MuJoCo. Raises `RuntimeError` with armplane's message if the run
+    cannot start. A run that misses its goal raises nothing.
     """
     arguments = ["run", scenario, "--json"]
     for option, value in (("--graph", graph), ("--plant", plant), ("--mode", mode), ("--seed", seed)):
         if value is not None:
             arguments += [option, value]
-    for key, value in (settings or {}).items():
-        arguments += ["--set", f"{key}={toml(value)}"]
+    for pair in as_settings(settings, faults):
+        arguments += ["--set", pair]
     if not record:
         arguments.append("--no-record")
     folder = Path(out) if out is not None else _next_folder(Path(str(scenario)).stem)
@@ -157,13 +184,33 @@ def _next_folder(name):
     return folder
 
 
-def read_toml(path):
-    """The tables of a TOML file. Raises ValueError where it is none."""
+def loads(text):
+    """The tables of a text in TOML. Raises ValueError where it is none."""
     try:
         import tomllib
     except ImportError:
         import tomli as tomllib
-    return tomllib.loads(path.read_text())
+    return tomllib.loads(text)
+
+
+def read_toml(path):
+    """The tables of a TOML file, likewise."""
+    return loads(path.read_text())
+
+
+def listed(given):
+    """A list; one thing alone is a list of one."""
+    return [given] if isinstance(given, (str, Mapping)) or not hasattr(given, "__iter__") else list(given)
+
+
+def as_settings(settings, faults=None):
+    """Settings and faults as KEY=VALUE."""
+    if not isinstance(settings or {}, Mapping):
+        raise ValueError(f'settings is {settings!r}: give a dictionary, such as {{"control.k_p": 900}}')
+    chosen = dict(settings or {})
+    if faults is not None:
+        chosen["fault"] = listed(faults)
+    return [f"{key}={toml(value)}" for key, value in chosen.items()]
 
 
 def toml(value):
@@ -172,10 +219,11 @@ def toml(value):
 
 
 def _inner(value):
+    # Numbers and arrays of numpy and pandas.
+    value = value.tolist() if hasattr(value, "tolist") else value
     if isinstance(value, dict):
         return f"{{{', '.join(f'{key} = {_inner(one)}' for key, one in value.items())}}}"
     if isinstance(value, (list, tuple)):
         return f"[{', '.join(map(_inner, value))}]"
-    # The numbers of numpy and pandas, too; JSON has another word for a NaN.
-    value = value.item() if hasattr(value, "item") else value
+    # JSON has another word for a NaN.
     return repr(value) if isinstance(value, float) else json.dumps(value)

@@ -4,10 +4,10 @@ Python's lock is free while a run lasts, so threads use all cores. A scenario is
 """
 
 import json
-from collections.abc import Mapping
+import os
 
 from . import _armplane
-from .results import toml
+from .results import as_settings, extra
 
 
 def trial(scenario, settings=None, faults=None, seed=None):
@@ -17,16 +17,15 @@ def trial(scenario, settings=None, faults=None, seed=None):
     `seed` replaces its seed. If the law or the arm refuses the scenario, the row has only `outcome` ("refused") and `reason`. Raises ValueError if the
     scenario or a setting is invalid.
     """
-    return json.loads(_armplane.run_trial(str(scenario), _settings(settings, faults), _whole("seed", seed)))
+    return json.loads(_armplane.run_trial(_named("scenario", scenario), as_settings(settings, faults), _whole("seed", seed)))
 
 
 def trace(scenario, settings=None, faults=None, seed=None):
     """Runs a scenario, and returns its signals as a `pyarrow.Table`, a row per tick, with the columns of `armplane export`. Arguments as of `trial`."""
-    try:
+    with extra("experiments"):
         from pyarrow import ipc
-    except ImportError as error:
-        raise ImportError(f"{error}: pip install 'armplane[experiments]'") from error
-    return ipc.open_stream(_armplane.trace_trial(str(scenario), _settings(settings, faults), _whole("seed", seed))).read_all()
+
+    return ipc.open_stream(_armplane.trace_trial(_named("scenario", scenario), as_settings(settings, faults), _whole("seed", seed))).read_all()
 
 
 def lines(robot, count, seed=1, kind="one", *, speed=0.28, settings=None):
@@ -37,12 +36,14 @@ def lines(robot, count, seed=1, kind="one", *, speed=0.28, settings=None):
     """
     if kind not in ("one", "two", "near"):
         raise ValueError(f"kind is {kind!r}: it must be 'one', 'two' or 'near'")
-    return json.loads(_armplane.draw_lines(str(robot), kind, _whole("count", count), _whole("seed", seed), speed, _settings(settings)))
+    if not 0 < speed <= 10:
+        raise ValueError(f"speed = {speed} m/s: give one above 0, at most 10; are these mm/s?")
+    return json.loads(_armplane.draw_lines(_named("robot", robot), kind, _whole("count", count, 1), _whole("seed", seed), speed, as_settings(settings)))
 
 
 def twists(robot, seed=1, seconds=60.0):
     """A scenario that steers an arm by random twists, every 1 to 3 s another one, up to 0.25 m/s and 0.6 rad/s; `trial` takes it."""
-    return _armplane.random_twists(str(robot), _whole("seed", seed), float(seconds))
+    return _armplane.random_twists(_named("robot", robot), _whole("seed", seed), float(seconds))
 
 
 def laws(all=False):
@@ -50,16 +51,13 @@ def laws(all=False):
     return [name for name, follows in _armplane.law_names() if follows or all]
 
 
-def _whole(name, value):
-    if value is not None and (int(value) != value or not 0 <= value < 2**63):
-        raise ValueError(f"{name} = {value}: give a whole number from 0")
+def _whole(name, value, least=0):
+    if value is not None and (int(value) != value or not least <= value < 2**63):
+        raise ValueError(f"{name} = {value}: give a whole number from {least}")
     return value
 
 
-def _settings(settings, faults=None):
-    if not isinstance(settings or {}, Mapping):
-        raise ValueError(f'settings is {settings!r}: give a dictionary, such as {{"control.k_p": 900}}')
-    chosen = dict(settings or {})
-    if faults is not None:
-        chosen["fault"] = list(faults)
-    return [f"{key}={toml(value)}" for key, value in chosen.items()]
+def _named(name, value):
+    if not isinstance(value, (str, os.PathLike)):
+        raise ValueError(f"{name} is {value!r}: give a built-in name or the path of a file")
+    return str(value)

@@ -103,7 +103,7 @@ TARGET_REFUSAL_ROTATION = 4
 TARGET_REFUSAL_TIME = 5
 TARGET_REFUSAL_RANGE = 6
 TARGET_REFUSAL_JOINTS = 7
-TARGET_REFUSALS = {TARGET_REFUSAL_NONE: "", TARGET_REFUSAL_NUMBER: "it holds a NaN or an infinity", TARGET_REFUSAL_FRAME: "its frame is unknown, or not one for its kind (a pose is in base)", TARGET_REFUSAL_KIND: "its kind or its side is unknown", TARGET_REFUSAL_ROTATION: "its quaternion is not of norm 1", TARGET_REFUSAL_TIME: "its time stamp is in the future, or its validity is negative", TARGET_REFUSAL_RANGE: "a number is beyond 1000", TARGET_REFUSAL_JOINTS: "its posture has not one value for each joint of the arm"}
+TARGET_REFUSALS = {TARGET_REFUSAL_NONE: "", TARGET_REFUSAL_NUMBER: "it holds a NaN or an infinity", TARGET_REFUSAL_FRAME: "its frame is unknown, or not one for its kind (a pose is in base)", TARGET_REFUSAL_KIND: "its kind or its side is unknown", TARGET_REFUSAL_ROTATION: "its rotation is none: a quaternion has norm 1, a matrix determinant 1", TARGET_REFUSAL_TIME: "its time stamp is in the future, or its validity is negative", TARGET_REFUSAL_RANGE: "a number is beyond 1000, or its position beyond 100 m", TARGET_REFUSAL_JOINTS: "its posture has not one value for each joint of the arm"}
 
 TYPE_UNKNOWN = 0
 TYPE_1 = 1

@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import armplane
+import numpy as np
 import pytest
 from armplane import experiments, trial
 from armplane.experiments import Range, sweep
@@ -36,14 +37,13 @@ def _folder(tmp_path, monkeypatch):
     "scenario, settings, faults",
     [
         ("fig5-wrist-rotation", {"control.k_p": 300, "seed": 7}, None),
-        ("short.toml", {"control.strategy": "chang-khatib", "plant.mass_factor": 1.1}, None),
+        ("short.toml", {"control.strategy": "chang-khatib", "start.q_deg": np.array([21.0, -60, 170, 0, 30, 0])}, {"process": "controller", "kind": "kill", "at_tick": 9}),
         ("short.toml", {}, [{"process": "controller", "kind": "kill", "at_tick": 100}, {"process": "estimator", "kind": "delay", "at_s": 0.3, "for_ticks": 40}]),
     ],
 )
 def test_a_trial_has_the_bytes_and_numbers_of_the_processes(scenario, settings, faults):
     row = trial(scenario, settings, faults)
-    given = dict(settings) if faults is None else {**settings, "fault": armplane.results._inner(faults)}
-    run = armplane.run(scenario, settings=given, out="run")
+    run = armplane.run(scenario, settings, faults, out="run")
     assert row["hash"] == {topic: one["hash"] for topic, one in run.summary["topics"].items()}
     assert row["outcome"] == run.summary["outcome"] and row["ticks"] == run.summary["ticks"]
     assert {key: row[key] for key in run.summary["task"]} == run.summary["task"]
@@ -98,20 +98,34 @@ def test_a_grid_counts_like_a_number_and_samples_fill_their_ranges():
 
 
 @pytest.mark.parametrize(
-    "space, more",
+    "space, more, named",
     [
-        ({}, {}),
-        ({"control.kp": [1]}, {}),
-        ({"seed": Range(1, 4, 3)}, {}),
-        ({"control.k_p": Range(4, 1, 3)}, {}),
-        ({"control.k_p": Range(0, 1, 3, log=True)}, {}),
-        ({"control.k_p": [1]}, {"method": "halton", "runs": 4}),
-        ({"control.k_p": Range(1, 2)}, {"method": "random"}),
+        ({}, {}, "space"),
+        ({"control.kp": [1]}, {}, "kp"),
+        ({"seed": Range(1, 4, 3)}, {}, "steps"),
+        ({"control.k_p": Range(4, 1, 3)}, {}, "k_p"),
+        ({"control.k_p": Range(0, 1, 3, log=True)}, {}, "k_p"),
+        ({"control.k_p": [1]}, {"method": "halton", "runs": 4}, "halton.*sobol"),
+        ({"control.k_p": Range(1, 2)}, {"method": "random"}, "runs"),
+        ({"control.k_p": Range(1, 2)}, {}, "steps"),
+        ({"control.k_p": 400}, {}, r"\[400\]"),
+        ({"control.k_p": [400]}, {"jobs": 0}, "jobs"),
+        ({"control.k_p": [400]}, {"out": "short.toml"}, "short.toml is a file"),
     ],
 )
-def test_a_space_that_makes_no_sense_is_refused_before_any_run(space, more):
-    with pytest.raises(ValueError):
+def test_a_space_that_makes_no_sense_is_refused_before_any_run(space, more, named):
+    with pytest.raises(ValueError, match=named):
         sweep("short.toml", space, **more, run=lambda *_: pytest.fail("a run"))
+
+
+@pytest.mark.parametrize(
+    "words, named", [("report", "armplane sweep report:"), ("figures out", "--out"), ("sweep short.toml --jbos=2", "--jobs"), ("sweep short.toml", "scenario")]
+)
+def test_a_wrong_command_line_is_answered_with_what_was_meant(words, named, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["armplane", *words.split()])
+    with pytest.raises(SystemExit):
+        sys.exit(command.main())
+    assert named in capsys.readouterr().err
 
 
 SWEEP = """name = "killed"
@@ -190,16 +204,21 @@ def test_studies_are_tables_and_pictures():
     assert table["orientation_max_deg"].is_monotonic_increasing and Path("laws.png").exists() and Path("race.svg").exists()
     lines = experiments.singular_lines("ur5", 1)
     assert lines["s2"].all() and lines["line"].tolist() == [1, 2, 3]
-    steered = experiments.steered(["ur5"], seeds=[1], seconds=5)
+    steered = experiments.steered("ur5", seeds=[1], seconds=5)
     assert steered["kept"].all() and steered["speed_max_ratio"].between(0.01, 1).all() and steered["orthogonal_max_mm"].between(1e-3, 0.5).all()
 
 
-def test_the_tutorials_experiment_is_twenty_lines_and_works():
+def test_the_tutorials_experiment_is_twenty_lines_and_works(tmp_path, monkeypatch):
     page = next(folder / "docs/tutorial.md" for folder in Path(__file__).resolve().parents if (folder / "docs/tutorial.md").is_file())
     blocks = [block.split("\n", 1) for block in page.read_text().split("```")[1::2]]
     files = {head.split()[1]: text for head, text in blocks if len(head.split()) == 2}
     for name in ("arm.urdf", "arm.toml", "reach.toml"):
         Path(name).write_text(files[name])
+    # The arm is beside its scenario, or named from here.
+    monkeypatch.chdir("..")
+    for scenario in (tmp_path / "reach.toml", files["reach.toml"].replace("arm.urdf", f"{tmp_path.name}/arm.urdf")):
+        assert experiments.race(scenario, "blended", tmp_path / "race")["position_max_mm"].iloc[0] < 0.1
+    monkeypatch.chdir(tmp_path)
     text = files["gains.py"]
     assert len([line for line in text.splitlines() if line.strip()]) <= 20
     # A hundredth of its runs.

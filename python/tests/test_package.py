@@ -99,6 +99,9 @@ def test_a_wrong_argument_is_named_with_what_is_expected():
         (lambda: arm.at(["a"] * 7), ["q: ", "'a'"]),
         (lambda: arm.at(0.0), ["q ", "()", "(7,)"]),
         (lambda: Arm.from_urdf("nothing.urdf"), ["nothing.urdf"]),
+        (lambda: armplane.lines("ur5", 0), ["count", "1"]),
+        (lambda: armplane.lines(arm, 1), ["robot", "path"]),
+        (lambda: armplane.lines("ur5", 1, speed=280), ["speed", "m/s"]),
     ]
     for call, words in cases:
         with pytest.raises(ValueError) as error:
@@ -107,6 +110,9 @@ def test_a_wrong_argument_is_named_with_what_is_expected():
     assert arm.step_many(np.zeros((0, 7))).shape == (0,)
     with pytest.raises(TypeError, match="MjModel"):
         Arm.from_mujoco("arm.xml")
+    for folder in ("nothere", __file__):
+        with pytest.raises(FileNotFoundError, match="summary.json"):
+            armplane.load(folder)
 
 
 URDF = """<robot name="two"><link name="base"/>
@@ -186,6 +192,7 @@ def test_a_function_is_ended_by_its_limits():
 
 
 def test_every_public_thing_has_words():
+    assert dir(armplane) == sorted(armplane.__all__) and {"Arm", "Law", "trial"} <= set(dir(armplane))
     for kind in (Arm, Law, armplane.LawState, armplane.Posture, armplane.Singularity, armplane.Run):
         for name in [name for name in vars(kind) if not name.startswith("_")]:
             assert getattr(kind, name).__doc__, f"{kind.__name__}.{name}"

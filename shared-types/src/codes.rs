@@ -223,12 +223,12 @@ codes! {
         TARGET_REFUSAL_FRAME = 2 "its frame is unknown, or not one for its kind (a pose is in base)",
         /// A kind or a side without a name.
         TARGET_REFUSAL_KIND = 3 "its kind or its side is unknown",
-        /// A quaternion whose norm is not 1.
-        TARGET_REFUSAL_ROTATION = 4 "its quaternion is not of norm 1",
+        /// A quaternion whose norm is not 1, or a matrix that is no rotation.
+        TARGET_REFUSAL_ROTATION = 4 "its rotation is none: a quaternion has norm 1, a matrix determinant 1",
         /// A stamp later than the present tick, or a validity that is negative.
         TARGET_REFUSAL_TIME = 5 "its time stamp is in the future, or its validity is negative",
         /// A number no arm has a use for.
-        TARGET_REFUSAL_RANGE = 6 "a number is beyond 1000",
+        TARGET_REFUSAL_RANGE = 6 "a number is beyond 1000, or its position beyond 100 m",
         /// A posture of another number of joints.
         TARGET_REFUSAL_JOINTS = 7 "its posture has not one value for each joint of the arm",
     }

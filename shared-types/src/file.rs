@@ -144,7 +144,10 @@ pub fn parse<T: DeserializeOwned>(
     settings: &[String],
 ) -> Result<T, InvalidFile> {
     let invalid = |error: toml::de::Error| {
-        let (message, remedy) = explain(error.message());
+        let (message, remedy) = match text.trim_start().starts_with('{') {
+            true => ("this is JSON".into(), "a file of armplane is TOML".into()),
+            false => explain(error.message()),
+        };
         // An error about a value, and not about the name of a key, which it tells itself.
         let key = error
             .span()
@@ -216,7 +219,10 @@ fn lay_over(table: &mut toml::Table, setting: &str) -> Result<(), (String, Strin
     };
     if !table.contains_key(first) && second.parse::<usize>().is_ok() {
         // An element of a list that the file does not have.
-        return Err(missing(format!("the file has no [[{first}]]")));
+        let keys: Vec<&str> = table.keys().map(String::as_str).collect();
+        let hint = nearest(first, keys.into_iter());
+        let hint = hint.map_or(String::new(), |name| format!(": did you mean `{name}`?"));
+        return Err(missing(format!("the file has no [[{first}]]{hint}")));
     }
     let mut place = table
         .entry(first)
@@ -283,7 +289,7 @@ pub(crate) fn within(
     range: std::ops::RangeInclusive<f64>,
     what: impl Into<String>,
 ) -> Result<(), Complaint> {
-    let remedy = format!("{} to {}", range.start(), range.end());
+    let remedy = format!("it must be from {} to {}", range.start(), range.end());
     require(range.contains(&value), path, what, remedy)
 }
 

@@ -322,9 +322,9 @@ impl Moment<'_, '_> {
         Self::head(words, headline);
         for (i, one) in inside {
             let (class, why) = (name_of(TYPES, one.class), reason(one.kind, self.joints));
-            let doing = match is_driven {
-                true => format!("; {}", doing(mode(self.row, i))),
-                false => String::new(),
+            let doing = match mode(self.row, i) {
+                mode if is_driven && mode != MODE_REGULAR => format!("; {}", doing(mode)),
+                _ => String::new(),
             };
             words.add(Some(i), format!(", {class}: {why}{doing}"));
         }

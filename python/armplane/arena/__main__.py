@@ -22,7 +22,7 @@ from pathlib import Path
 
 import armplane
 
-from ..results import Parser, _armplane, _program, _sentence, toml
+from ..results import INSTALL, Parser, _armplane, _program, _sentence, toml
 from . import GIVEN_CLOCK as BASE
 from . import NO_HINTS, OPPONENTS, OWN_CLOCK, tasks
 from .children import CHILDREN
@@ -35,7 +35,7 @@ try:
     from . import page, picture
 except ImportError as error:
     # Its help can be read without them.
-    LACK = f"armplane arena: {error}: pip install 'armplane[arena]' (docs/arena.md)"
+    LACK = f"armplane arena: {error}: {INSTALL.format('arena')}"
 else:
     LACK = None
 

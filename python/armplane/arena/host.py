@@ -20,6 +20,7 @@ import armplane
 from armplane import wire
 
 from ..drive import mask
+from ..results import INSTALL
 from .arm import Arm
 from .laws import Law, Reference
 from .pressing import Pressing
@@ -115,7 +116,7 @@ def main():
         law = load(sys.argv[1])
         print(json.dumps({"trials": law.trials, "has_clock": hasattr(law, "own_clock")}))
     except ImportError as error:
-        sys.exit(f"{error}: pip install 'armplane[arena]' for the Python {sys.executable} (docs/arena.md)")
+        sys.exit(f"{error}: {INSTALL.format('arena')}, for the Python {sys.executable}")
     except Exception as error:
         sys.exit(f"{type(error).__name__}: {error}")
 

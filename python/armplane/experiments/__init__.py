@@ -1,4 +1,4 @@
-"""Experiments of many trials, with pandas, scipy and matplotlib (`pip install 'armplane[experiments]'`).
+"""Experiments of many trials, with pandas, scipy and matplotlib (the wheel's extra `[experiments]`).
 
     from armplane import experiments
     table = experiments.sweep("fig5-wrist-rotation", {"control.k_p": [100, 400, 1600], "seed": range(1, 9)}, out="gains")
@@ -6,6 +6,7 @@
 """
 
 from ..lazy import found
+from ..results import extra
 
 _PLACES = {
     "paper": ("figures",),
@@ -14,8 +15,10 @@ _PLACES = {
     "sweeps": ("Range", "lack", "read", "sweep"),
 }
 __all__ = sum(_PLACES.values(), ())
+__dir__ = lambda: __all__
 
 
 def __getattr__(name):
     # The command imports this package before it can say what is to be installed.
-    return found(__name__, _PLACES, name)
+    with extra("experiments"):
+        return found(__name__, _PLACES, name)

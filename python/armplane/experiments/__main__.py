@@ -6,11 +6,10 @@ from pathlib import Path
 
 import armplane
 
-from ..results import Parser, _next_folder, read_toml
+from ..results import Parser, _next_folder, listed, read_toml
 
 # Of a sweep's file and its tables: the keys that it needs, and others.
 KEYS = {"": ("name scenario key", "set sample"), "sample: ": ("runs", "seed method"), "key: ": ("key", "values from to steps scale")}
-LACK = "pip install 'armplane[experiments]' (docs/sweeps.md)"
 
 
 def main():
@@ -21,7 +20,7 @@ def main():
     sweep.add_argument("--out", type=Path, help="folder for the results; goes on with a sweep begun there [default: runs/NAME]")
     sweep.add_argument("--jobs", type=int, default=-1, help="number of threads [default: all cores]")
     sweep.add_argument("--dask", metavar="ADDRESS", help="run on the workers of this dask scheduler")
-    report = commands.add_parser("report")
+    report = commands.add_parser("report", prog="armplane sweep report")
     report.add_argument("folder", type=Path, help="the sweep's folder")
     report.add_argument("--by", default="position_max_mm", help="column that ranks the worst runs and colours the map [default: %(default)s]")
     report.add_argument("--map", type=lambda text: text.split(","), help="KEY,KEY: the axes of the map [default: the first two]")
@@ -43,7 +42,7 @@ def main():
 
         experiments.sweep, experiments.figures, experiments.steered
     except ImportError as error:
-        return _refuse(error if "python/build" in str(error) else f"{error}: {LACK}")
+        return _refuse(error)
     try:
         return {"sweep": _sweep, "report": _report, "figures": _figures, "steered": _steered}[options.command](experiments, options)
     except (ValueError, OSError, ImportError) as error:
@@ -124,21 +123,21 @@ def read_file(path):
         spec = read_toml(path)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
+    if "robot" in spec:
+        raise ValueError(f"{path} is a scenario: the file of a sweep has scenario = \"{path.name}\", and a [[key]] for each that varies (docs/sweeps.md)")
     _only(path, "", spec)
     beside = path.parent / spec["scenario"]
     sample = spec.get("sample", {})
     if sample:
         _only(path, "sample: ", sample)
     space = {}
-    for key in spec["key"]:
+    for key in listed(spec["key"]):
         _only(path, "key: ", key)
         name = key["key"]
         if name in space or name in ("graph", "name"):
             raise ValueError(f"{path}: `{name}` is given twice, or cannot vary within a sweep")
         if ("values" in key) == ("from" in key and "to" in key):
             raise ValueError(f"{path}: `{name}` needs either `values`, or `from` and `to`")
-        if "values" not in key and not sample and key.get("steps", 0) < 2:
-            raise ValueError(f"{path}: the range of `{name}` needs `steps`, 2 or more, or the file a [sample]")
         if key.get("scale", "linear") not in ("linear", "log"):
             raise ValueError(f"{path}: the scale of `{name}` is `linear` or `log`")
         space[name] = key["values"] if "values" in key else Range(key["from"], key["to"], key.get("steps", 0), key.get("scale") == "log")

@@ -8,7 +8,7 @@ import shlex
 import numpy as np
 import pandas as pd
 
-from ..trials import _settings
+from ..results import as_settings
 from .style import BLUE, curves, page
 from .sweeps import lack, read
 
@@ -45,7 +45,7 @@ def report(folder, by="position_max_mm", keys=None, worst=10):
     ranked = table.dropna(subset=by).assign(done=table.get("completed", True)).sort_values(["done", by, "run"], ascending=[True, False, True], kind="stable")
 
     def command(row):
-        sets = (f"--set {shlex.quote(one)}" for one in _settings({**plan["settings"], **row[space]}))
+        sets = (f"--set {shlex.quote(one)}" for one in as_settings({**plan["settings"], **row[space]}))
         return " ".join(["armplane run", shlex.quote(plan["scenario"]), *sets, f"--out {folder.name}-run-{row['run']}"])
 
     result = {

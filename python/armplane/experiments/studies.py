@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from .. import trials, wire
+from ..results import listed
 from .paper import Recorded
 from .style import BLUE, GREY, RED, digits, legend, page, postures, undistorted
 
@@ -32,7 +33,7 @@ def _all(jobs):
 
 def compare(scenario, laws=None, settings=None):
     """A scenario under each law (all that follow paths by default): a row each."""
-    laws = laws or trials.laws()
+    laws = listed(laws or trials.laws())
     return _all([({"law": law}, scenario, {**(settings or {}), "control.strategy": law, "fault": "[]"}) for law in laws])
 
 
@@ -40,7 +41,7 @@ def singular_lines(robot, count=4, seed=1, kind="one", laws=("blended",), *, spe
     """Lines through the exact singularities of an arm, under each law: a row each, with `line`, `singularities` and `place`."""
     lines = trials.lines(robot, count, seed, kind, speed=speed, settings=settings)
     places = [{"line": i, "singularities": line["singularities"], "place": line["place"]} for i, line in enumerate(lines, 1)]
-    return _all([({**place, "law": law}, line["scenario"], {"control.strategy": law}) for law in laws for place, line in zip(places, lines)])
+    return _all([({**place, "law": law}, line["scenario"], {"control.strategy": law}) for law in listed(laws) for place, line in zip(places, lines)])
 
 
 # The study's bars: errors orthogonal to ζ, mm and °, the reference's lead among them; and when an arm stands, below a share of the speed asked for, for how long, s.
@@ -53,14 +54,14 @@ def steered(robots=("puma560", "ur5", "iiwa14", "panda"), seeds=range(1, 4), sec
 
     `kept` says whether no limit was exceeded, no error was beyond 0.5 mm or 1.5° orthogonal to ζ, and the arm never stood without a stated reason.
     """
-    jobs = [(robot, seed) for robot in robots for seed in seeds]
+    jobs = [(robot, seed) for robot in listed(robots) for seed in listed(seeds)]
     with ThreadPoolExecutor() as pool:
         return pd.DataFrame(pool.map(lambda job: _session(*job, seconds, settings), jobs))
 
 
 def _session(robot, seed, seconds, settings):
     scenario = trials.twists(robot, seed, seconds)
-    row, run = trials.trial(scenario, settings), Recorded(scenario, settings, robot)
+    row, run = trials.trial(scenario, settings), Recorded(scenario, settings)
     dt, by = run.t[1] - run.t[0], lambda *reasons: np.isin(run.columns["servo.reason"], [getattr(wire, f"REASON_{name}") for name in reasons])
     asked = np.abs(np.hstack([run.vectors("servo.velocity"), run.vectors("servo.angular_velocity")])).max(axis=1)
     stands = ~by(*STATED) & (asked > MOVES) & (run.columns["servo.speed_share"] < STILL_SHARE)
@@ -95,6 +96,7 @@ def compare_plot(table, path, title="Control laws on the same plant and seed"):
 
 def race(scenario, laws, path, settings=None):
     """Runs a scenario under two or more laws, draws errors, joint speeds and the paths of the hand over time, and returns the largest of each."""
+    laws = listed(laws)
     runs = {law: Recorded(scenario, {**(settings or {}), "control.strategy": law, "fault": "[]"}) for law in laws}
     table = pd.DataFrame(
         {"position_max_mm": run.error_mm.max(), "orientation_max_deg": run.error_deg.max(), "speed_max_ratio": np.abs(run.vectors("joint.qdot_ratio")).max()}

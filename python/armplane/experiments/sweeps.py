@@ -17,10 +17,12 @@ import numpy as np
 import pandas as pd
 
 from .. import _armplane
-from ..trials import _settings, trial
+from ..results import as_settings
+from ..trials import trial
 
 MOST = 10_000_000
 PLAN = "sweep.json"
+METHODS = ("grid", "random", "sobol")
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,8 @@ class Range:
         return np.rint(value).astype(int) if whole else np.where(share == 1, high, value)
 
     def grid(self, whole):
+        if self.steps < 2:
+            raise ValueError(f"the range from {self.low} to {self.high} needs steps for a grid, 2 or more; a sample (random, sobol) needs none")
         share = np.arange(self.steps) / (self.steps - 1)
         if whole and not self.log:
             values = self.low + (self.high - self.low) * share
@@ -57,6 +61,10 @@ def sweep(scenario, space, runs=None, method="grid", *, seed=1, settings=None, o
     "sobol" (`runs` points by `seed`). `out` is a folder for the table's parts, which continues what it holds; without it, nothing is written. The runs use
     `jobs` threads (all cores by default), or the workers of a dask `client`. `progress(done, runs)` hears of each chunk.
     """
+    if jobs == 0:
+        raise ValueError("jobs = 0: give a number of threads, or -1 for all cores")
+    if out is not None and Path(out).is_file():
+        raise ValueError(f"out: {out} is a file, not a folder")
     points = draw(scenario, space, runs, method, seed, settings)
     chunk = chunk or min(max(math.ceil(len(points) / 64), 8), 1000)
     chunks = {i: points[i : i + chunk] for i in range(0, len(points), chunk)}
@@ -92,13 +100,17 @@ def draw(scenario, space, runs=None, method="grid", seed=1, settings=None):
     """The points of a sweep, a dictionary each. Every key's values are tried on the scenario, so that a mistake is found before any run."""
     if not space:
         raise ValueError("the space is empty: give it a key")
+    if method not in METHODS:
+        raise ValueError(f"method is {method!r}: it must be one of {', '.join(METHODS)}")
+    if method != "grid" and runs is None:
+        raise ValueError(f"method {method!r} needs runs, the number of points")
     whole = {key: _tried(scenario, settings, key, values) for key, values in space.items()}
     if method == "grid":
         lists = [values.grid(whole[key]) if isinstance(values, Range) else values for key, values in space.items()]
         count = math.prod(map(len, lists))
         _check(count)
         return [dict(zip(space, map(_scalar, point))) for point in itertools.product(*lists)]
-    _check(runs or 0)
+    _check(runs)
     shares = _shares(method, len(space), runs, seed)
     columns = []
     for share, (key, values) in zip(shares.T, space.items()):
@@ -131,17 +143,17 @@ def _shares(method, keys, runs, seed):
     if method == "random":
         # A key of its own generator each: a longer sweep begins with the points of a shorter one.
         return np.stack([np.random.default_rng([seed, place]).random(runs) for place in range(keys)], axis=1)
-    if method == "sobol":
-        from scipy.stats import qmc
+    from scipy.stats import qmc
 
-        return qmc.Sobol(keys, seed=seed).random_base2(max(runs - 1, 0).bit_length())[:runs]
-    raise ValueError(f"method is {method!r}: it must be 'grid', 'random' or 'sobol'")
+    return qmc.Sobol(keys, seed=seed).random_base2(max(runs - 1, 0).bit_length())[:runs]
 
 
 def _tried(scenario, settings, key, values):
     """Whether a range is of whole numbers."""
-    laid = lambda value: _armplane.check_scenario(str(scenario), _settings({**(settings or {}), key: value}))
+    laid = lambda value: _armplane.check_scenario(str(scenario), as_settings({**(settings or {}), key: value}))
     if not isinstance(values, Range):
+        if isinstance(values, str) or not hasattr(values, "__len__"):
+            raise ValueError(f"{key} = {values!r}: give a list, [{values!r}]")
         if len(values) == 0:
             raise ValueError(f"{key} has no values")
         for value in values:
@@ -229,7 +241,7 @@ def _whole(path, content):
 
 
 def _scalar(value):
-    return value.item() if hasattr(value, "item") else value
+    return value.tolist() if hasattr(value, "tolist") else value
 
 
 def _plain(value):

@@ -10,10 +10,9 @@ import sys
 import tempfile
 from importlib.util import find_spec
 
-from ..results import Parser, _program
+from ..results import INSTALL, Parser, _program
 
 NEEDED = ("viser", "numpy", "armplane._armplane")
-INSTALL = "pip install the wheel that `python/build` makes, with its extra [play] (docs/play.md)"
 
 
 def arguments():
@@ -53,7 +52,7 @@ def room():
 def why_not(given):
     """The sentence for a page that cannot be opened, `None` where it can."""
     if missing := [name for name in NEEDED if find_spec(name) is None]:
-        return f"Python lacks {', '.join(missing)}: {INSTALL}"
+        return f"Python lacks {', '.join(missing)}: {INSTALL.format('play')}"
     family = socket.AF_INET6 if ":" in given.host else socket.AF_INET
     try:
         socket.create_server((given.host, 0), family=family).close()

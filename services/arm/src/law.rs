@@ -85,7 +85,11 @@ impl Given<'_> {
                 let R = Rotation3::from_matrix_unchecked(R);
                 let turn = UnitQuaternion::from_rotation_matrix(&R);
                 target.position = [X[3], X[7], X[11]];
-                target.quaternion = [turn.w, turn.i, turn.j, turn.k];
+                target.quaternion = match X[12..] == [0.0, 0.0, 0.0, 1.0] {
+                    true => [turn.w, turn.i, turn.j, turn.k],
+                    // It is transposed, say: refused for its rotation.
+                    false => [0.0; 4],
+                };
             }
             None => return target,
         }

@@ -151,7 +151,7 @@ enum Command {
     /// Run third-party controllers beside armplane's laws.
     #[command(
         long_about = "Runs armplane's laws and third-party controllers on the same tasks, in the same plant, under the same judge, and writes one page, a \
-                      Parquet file and a hash. Needs the Python package with its opponents: pip install 'armplane[arena]'. The same command \
+                      Parquet file and a hash. Needs the Python package that `python/build` makes, with its extra [arena]. The same command \
                       continues an arena that was stopped.",
         after_help = "Examples:\n  armplane arena --size short\n  armplane arena --law armplane --law mine=mine.py --robot ur5\n  armplane arena --law pin_pink:k_p=400:k_v=40 --out runs/soft\n  armplane arena -- --help"
     )]
@@ -159,7 +159,7 @@ enum Command {
     /// Say what happened in a robot's log, and whether it was a singularity.
     #[command(
         long_about = "Reads a log of any arm (CSV, Parquet, MCAP, rosbag2, LeRobot) and says what happened, when, and why: a singularity, a limit, \
-                      a gap, a jump, a NaN, an oscillation, or none of these. Needs the Python package: pip install 'armplane[autopsy]'.",
+                      a gap, a jump, a NaN, an oscillation, or none of these. Needs the Python package that `python/build` makes, with its extra [autopsy].",
         after_help = "Examples:\n  armplane autopsy log.mcap --robot ur5e.urdf --tip tool0\n  armplane autopsy logs/ --robot panda\n  armplane autopsy -- --help"
     )]
     Autopsy(experiments::PythonArgs),
@@ -167,7 +167,7 @@ enum Command {
     #[command(
         long_about = "Runs a scenario once per point of a grid or seeded sample over any keys of `armplane run --set`. Each run takes one \
                       thread and gives the same bytes as `armplane run`. It becomes a row of runs-*.parquet. If you stop a sweep, the \
-                      same command continues it. Needs the Python package: pip install 'armplane[experiments]'.\n\n\
+                      same command continues it. Needs the Python package that `python/build` makes, with its extra [experiments].\n\n\
                       Arguments: SWEEP.toml, --out DIR, --jobs THREADS, --dask ADDRESS; or report DIR, --by COLUMN, --map KEY,KEY, --worst N.\n\n\
                       SWEEP.toml:\n\n  \
                       name = \"gains\"\n  scenario = \"fig5-wrist-rotation\"   # or a file beside this one\n\n  \
@@ -180,7 +180,7 @@ enum Command {
     /// Draw the paper's Figures 1 to 5 from fresh runs.
     #[command(
         long_about = "Runs the scenarios of Chang & Khatib's Figures 1 to 5 and draws postures, errors and joint motion. Saves each figure as \
-                      SVG, PDF and PNG, and the numbers as figures.json. Needs the Python package: pip install 'armplane[experiments]'.\n\n\
+                      SVG, PDF and PNG, and the numbers as figures.json. Needs the Python package that `python/build` makes, with its extra [experiments].\n\n\
                       Arguments: --out DIR, --set KEY=VALUE.",
         after_help = "Examples:\n  armplane figures\n  armplane figures --out figures --set plant.encoder_bits=0"
     )]

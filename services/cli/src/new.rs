@@ -31,11 +31,12 @@ pub(crate) fn new(args: &NewArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let mut shapes = Shape::ALL.into_iter();
     let shape = shapes.find(|(name, _)| *name == args.path);
     let shape = shape.map_or(Shape::default(), |(_, shape)| shape);
-    let path = lab::studies::begin(&args.name, &args.robot, shape)?;
+    let (path, notes) = lab::studies::begin(&args.name, &args.robot, shape)?;
     let path = path.display();
     if as_json {
-        say!("{}", json!({"file": path.to_string()}));
+        say!("{}", json!({"file": path.to_string(), "notes": notes}));
     } else {
+        notes.iter().for_each(|note| say!("  note: {note}"));
         say!("{path}\n  run it with `armplane run {path}`");
     }
     Ok(ExitCode::SUCCESS)

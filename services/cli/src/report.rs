@@ -29,9 +29,9 @@ pub(crate) fn report(args: &ReportArgs, as_json: bool) -> Result<ExitCode, Failu
         .clone()
         .unwrap_or_else(|| run.folder.join(session::REPORT));
     let is_file = path.symlink_metadata().is_ok_and(|it| it.is_file());
-    if is_file && path.extension().is_none_or(|it| it != "html") {
+    if path.extension().map_or(is_file, |ending| ending != "html") {
         return Err(Failure::Input(format!(
-            "{} exists and is no page: choose a name that ends with .html",
+            "--out {}: a report is a page: choose a name that ends with .html",
             path.display()
         )));
     }

@@ -263,6 +263,9 @@ fn no_option_or_word(argument: &str, here: &Command, all: &Command) -> Option<St
         ("run", _) => "one scenario at a time; `armplane compare` takes several".to_owned(),
         (_, 0) if has(here, "robot") => format!("give an arm as --robot {argument}"),
         (_, 0) => "leave it out".to_owned(),
+        (_, takes) if has(here, "robot") => {
+            format!("it takes {takes}; an arm is given as --robot {argument}")
+        }
         (_, takes) => format!("it takes {takes}; a name with spaces stands in quotes"),
     })
 }
@@ -288,7 +291,10 @@ fn no_option(option: &str, here: &Command, all: &Command) -> String {
     let others = commands(all).filter(|one| has(one, option));
     let others: Vec<_> = others.map(Command::get_name).collect();
     match others.is_empty() {
-        true if has(here, "set") => "a key of the scenario is given by --set KEY=VALUE".to_owned(),
+        true if has(here, "set") => format!(
+            "its options are --{}; a key of the scenario is given by --set KEY=VALUE",
+            own.join(", --")
+        ),
         true if own.is_empty() => "it has no options".to_owned(),
         true => format!("its options are --{}", own.join(", --")),
         false => format!(

@@ -38,7 +38,7 @@ pub(crate) fn running<const N: usize>(
             by: state.turn.by,
             duration_s: state.turn.duration_s,
         }),
-        mode: state.loops.map(|one| one.mode),
+        mode: modes(setup, state),
         phase: match leg {
             Some(_) => Phase::Running,
             None if state.progress.time_s < setup.scenario.settle_s => Phase::Settling,
@@ -49,6 +49,18 @@ pub(crate) fn running<const N: usize>(
         refusal: Refusal::None,
         ..resting(state, limited)
     }
+}
+
+/// What the law does at each singularity. The laws of others do nothing there, but a path beyond reach is moved onto the boundary for them, too.
+pub(crate) fn modes<const N: usize>(
+    setup: &Setup<N>,
+    state: &State<N>,
+) -> [Mode; MAX_SINGULARITIES] {
+    let is_ours = setup.scenario.control.strategy.is_ours();
+    let acts = |mode: &Mode| is_ours || *mode == Mode::Slide;
+    state
+        .loops
+        .map(|one| Some(one.mode).filter(acts).unwrap_or(Mode::Regular))
 }
 
 /// The command of a tick in which the arm is brought to rest, its torque already in `state`.

@@ -226,7 +226,7 @@ impl<const N: usize> Controller<N> {
             X_BE_d: desired.pose(),
             V_BE_d: desired.V,
             time_scale: rate,
-            mode: self.state.loops.map(|one| one.mode),
+            mode: command::modes(&self.setup, &self.state),
             phase: if is_running {
                 Phase::Running
             } else {

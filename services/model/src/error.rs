@@ -26,7 +26,7 @@ pub enum RobotError {
     reason = "each variant is its sentence, with its numbers"
 )]
 pub enum Defect {
-    #[error("not a URDF: {0}: is the file whole?")]
+    #[error("not a URDF: {0}")]
     Urdf(String),
     #[error(
         "it is MJCF, which MuJoCo reads: `python -m armplane.mjcf ARM.xml` makes a URDF of it; the commands of armplane and `Arm.from_urdf` in Python do so \
@@ -34,7 +34,7 @@ pub enum Defect {
     )]
     Mjcf,
     /// The file, the line and the defect.
-    #[error("bad description: {0}")]
+    #[error("in its description, the TOML file of its name: {0}")]
     Description(String),
     #[error("the links do not form a tree: {0}")]
     NotATree(String),

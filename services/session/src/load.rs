@@ -599,7 +599,10 @@ fn check_program(command: &str, folder: &Path) -> Result<(), String> {
         let path = program(command, Some(folder));
         return match (path.exists(), is_program(&path)) {
             (_, true) => Ok(()),
-            (true, false) => Err(format!("{} is not an executable file", path.display())),
+            (true, false) => Err(format!(
+                "{0} is not an executable file: `chmod +x {0}`, or name its interpreter first, as in [\"python3\", \"{command}\"]",
+                path.display()
+            )),
             (false, _) => Err(format!(
                 "there is no program {}: build it, or correct the path (relative to the graph's folder)",
                 path.display()

@@ -1,9 +1,6 @@
 //! Translates complaints of serde and the TOML reader into the terms of the file: the value found,
 //! and the values allowed.
 
-/// Lists and tables within each other that the TOML reader takes at most.
-const MOST_NESTED: usize = 80;
-
 /// Longer than any key, bytes.
 const LONGEST_WORD: usize = 200;
 
@@ -26,6 +23,41 @@ const WHOLE: [(&str, &str); 8] = [
     ),
 ];
 
+/// Parts of the TOML reader's complaints, each with message and remedy.
+const SAYINGS: [(&str, &str, &str); 6] = [
+    (
+        "value was too large",
+        "the whole number is too large",
+        "it must be a whole number from -9223372036854775808 to 9223372036854775807",
+    ),
+    (
+        "number too large",
+        "the whole number is too large",
+        "it must be a whole number from -9223372036854775808 to 9223372036854775807",
+    ),
+    (
+        "key with no value",
+        "this line is no TOML",
+        "each line of TOML is key = value, [table], or # comment",
+    ),
+    (
+        "duplicate key",
+        "the key stands here twice",
+        "leave one out; a list of tables has two brackets, as in [[segment]]",
+    ),
+    (
+        "unexpected key or value",
+        "something stands behind the value",
+        "one key and one value a line; a number has a point, as in 2.5",
+    ),
+    (
+        "cannot recurse further",
+        "lists and tables are nested too deeply",
+        // What the reader takes.
+        "at most 80 are within each other",
+    ),
+];
+
 /// Message and remedy.
 pub(super) fn explain(message: &str) -> (String, String) {
     let message = message.trim();
@@ -35,32 +67,9 @@ pub(super) fn explain(message: &str) -> (String, String) {
             format!("add {} = …", field.trim_matches('`')),
         );
     }
-    if message.contains("value was too large") || message.contains("number too large") {
-        return (
-            "the whole number is too large".to_owned(),
-            format!("it must be {}", allowed("any valid TOML value")),
-        );
-    }
-    if message.starts_with("key with no value") {
-        let remedy = "each line of TOML is key = value, [table], or # comment";
-        return ("this line is no TOML".to_owned(), remedy.to_owned());
-    }
-    if message == "duplicate key" {
-        let remedy = "leave one out; a list of tables has two brackets, as in [[segment]]";
-        return ("the key stands here twice".to_owned(), remedy.to_owned());
-    }
-    if message.starts_with("unexpected key or value") {
-        let remedy = "one key and one value a line; a number has a point, as in 2.5";
-        return (
-            "something stands behind the value".to_owned(),
-            remedy.to_owned(),
-        );
-    }
-    if message.starts_with("cannot recurse further") {
-        return (
-            "lists and tables are nested too deeply".to_owned(),
-            format!("at most {MOST_NESTED} are within each other"),
-        );
+    let known = SAYINGS.iter().find(|(part, ..)| message.contains(part));
+    if let Some((_, message, remedy)) = known {
+        return ((*message).to_owned(), (*remedy).to_owned());
     }
     let Some((wrong, expected)) = message.split_once(", expected ") else {
         return (message.to_owned(), String::new());
@@ -90,12 +99,26 @@ pub(super) fn explain(message: &str) -> (String, String) {
     let known = || expected.split('`').skip(1).step_by(2);
     let written = wrong.split('`').nth(1).unwrap_or_default();
     let near = Some(written).filter(|written| !written.is_empty());
+    let place = SECTIONS.iter().find(|(section, keys)| {
+        known().any(|one| one == *section) && keys.split(' ').any(|key| key == written)
+    });
+    if let Some((section, _)) = place {
+        return (wrong, format!("put it under [{section}]"));
+    }
     let remedy = match near.and_then(|written| nearest(written, known())) {
         Some(name) => format!("did you mean `{name}`?"),
         None => format!("expected {expected}"),
     };
     (wrong, remedy)
 }
+
+/// Sections of a scenario, with keys that people write outside of them.
+const SECTIONS: [(&str, &str); 4] = [
+    ("start", "q q_deg posture"),
+    ("goal", "position_mm orientation_deg orthogonal_mm"),
+    ("control", "strategy k_p k_v"),
+    ("plant", "friction payload mass_factor"),
+];
 
 /// Letters by which the nearest name may differ.
 const MOST_APART: usize = 3;

@@ -2,7 +2,7 @@
 
 use super::built_in::{BUILT_IN, EVERYTHING, STEERED};
 use super::topology::Graph;
-use crate::file::{Complaint, require};
+use crate::file::{Complaint, nearest, require};
 use crate::process::{MAX_PROCESSES, Process, Program, Role};
 use crate::topics::{MAX_TOPICS, TOPICS};
 use crate::wire::MAX_HOPS;
@@ -42,6 +42,8 @@ impl Graph {
             let located = |complaint: Complaint| complaint.within(&format!("topic.{i}"));
             self.check_topic(i).map_err(located)?;
         }
+        // First: a name that is misspelt lacks elsewhere, too.
+        (0..count).try_for_each(|i| self.check_topics(i))?;
         for i in 0..count {
             let located = |complaint: Complaint| complaint.within(&format!("process.{i}"));
             self.check_process(i).map_err(located)?;
@@ -116,8 +118,34 @@ impl Graph {
         match process {
             _ if !process.robot.is_empty() => check_robot(process),
             _ if !process.command.is_empty() || process.external => check_command(process),
-            _ => check_program(process),
+            _ => self.check_program(process),
         }
+    }
+
+    /// Whether the topics of process `i` exist.
+    fn check_topics(&self, i: usize) -> Result<(), Complaint> {
+        let declared = self.topic.iter().map(|declared| declared.name.as_str());
+        let known: Vec<_> = TOPICS.into_iter().chain(declared).collect();
+        for (key, topics) in uses(&self.process[i]) {
+            let is_known = |topic: &String| topic == EVERYTHING || known.contains(&&**topic);
+            let Some(j) = topics.iter().position(|topic| !is_known(topic)) else {
+                continue;
+            };
+            let remedy = match nearest(&topics[j], known.iter().copied()) {
+                Some(near) => format!("did you mean `{near}`?"),
+                None => format!(
+                    "known: {}; declare others under [[topic]]",
+                    known.join(", ")
+                ),
+            };
+            let message = format!("there is no topic `{}`", topics[j]);
+            return Err(Complaint::new(
+                format!("process.{i}.{key}.{j}"),
+                message,
+                remedy,
+            ));
+        }
+        Ok(())
     }
 
     /// A topic at a place of process `i`; the path is the caller's.
@@ -125,24 +153,17 @@ impl Graph {
         let is_everything = topic == EVERYTHING;
         let message = format!("`{EVERYTHING}` stands in `{key}`");
         require(!is_everything, "", message, "it stands in `reads` only")?;
-        let declared = || self.topic.iter().map(|declared| declared.name.as_str());
-        let known: Vec<_> = TOPICS.into_iter().chain(declared()).collect();
-        require(
-            known.contains(&topic),
-            "",
-            format!("there is no topic `{topic}`"),
-            format!(
-                "known: {}; declare others under [[topic]]",
-                known.join(", ")
-            ),
-        )?;
         if key == "writes" {
             let writes = |other: &&Process| other.writes.iter().any(|one| one == topic);
             let Some(other) = self.process[..i].iter().find(writes) else {
                 return Ok(());
             };
             let message = format!("`{topic}` is already written by `{}`", other.name);
-            return Err(Complaint::new("", message, "a topic has one writer"));
+            let remedy = format!(
+                "a topic has one writer; name = \"{}\" replaces that one",
+                other.name
+            );
+            return Err(Complaint::new("", message, remedy));
         }
         let message = format!("no process writes `{topic}`");
         let remedy = "add it to one process's `writes`";
@@ -205,6 +226,45 @@ impl Graph {
                 name(ninth)
             ),
         ))
+    }
+
+    /// A process that armplane contains: it has the topics that its program needs.
+    fn check_program(&self, process: &Process) -> Result<(), Complaint> {
+        let name = &process.name;
+        let Some(program) = process.program() else {
+            let known = Program::ALL.map(Program::name).join(", ");
+            let remedy =
+                format!("armplane itself runs {known}; give any other process a `command`");
+            let (key, message) = match process.program.as_str() {
+                "" => ("name", format!("there is no process `{name}`")),
+                program => ("program", format!("armplane has no program `{program}`")),
+            };
+            return Err(Complaint::new(key, message, remedy));
+        };
+        if let Some(foreign) = process.writes.iter().find(|topic| !is_listed(topic)) {
+            return Err(Complaint::new(
+                "writes",
+                format!("armplane's {} does not write `{foreign}`", program.name()),
+                "take it out, or give the process that writes it a `command`",
+            ));
+        }
+        let own = built_in(program);
+        for ((key, topics), (_, needed)) in uses(process).into_iter().zip(uses(&own)) {
+            if let Some(missing) = needed.iter().find(|topic| !topics.contains(topic)) {
+                if key != "writes" && self.writer(missing).is_none() {
+                    let message = format!("no process writes `{missing}`, which `{name}` reads");
+                    let remedy = "add it to the `writes` of the process that is to send it";
+                    return Err(Complaint::new("name", message, remedy));
+                }
+                let message = format!("`{name}` needs `{missing}` in its `{key}`");
+                return Err(Complaint::new(
+                    "name",
+                    message,
+                    format!("{key} = {needed:?}"),
+                ));
+            }
+        }
+        Ok(())
     }
 
     fn check_loop(&self) -> Result<(), Complaint> {
@@ -312,39 +372,6 @@ fn check_command(process: &Process) -> Result<(), Complaint> {
         message,
         "add a topic to its `reads`",
     )
-}
-
-/// A process that armplane contains: it has the topics that its program needs.
-fn check_program(process: &Process) -> Result<(), Complaint> {
-    let name = &process.name;
-    let Some(program) = process.program() else {
-        let known = Program::ALL.map(Program::name).join(", ");
-        let remedy = format!("armplane itself runs {known}; give any other process a `command`");
-        let (key, message) = match process.program.as_str() {
-            "" => ("name", format!("there is no process `{name}`")),
-            program => ("program", format!("armplane has no program `{program}`")),
-        };
-        return Err(Complaint::new(key, message, remedy));
-    };
-    if let Some(foreign) = process.writes.iter().find(|topic| !is_listed(topic)) {
-        return Err(Complaint::new(
-            "writes",
-            format!("armplane's {} does not write `{foreign}`", program.name()),
-            "take it out, or give the process that writes it a `command`",
-        ));
-    }
-    let own = built_in(program);
-    for ((key, topics), (_, needed)) in uses(process).into_iter().zip(uses(&own)) {
-        if let Some(missing) = needed.iter().find(|topic| !topics.contains(topic)) {
-            let message = format!("`{name}` needs `{missing}` in its `{key}`");
-            return Err(Complaint::new(
-                "name",
-                message,
-                format!("{key} = {needed:?}"),
-            ));
-        }
-    }
-    Ok(())
 }
 
 /// A robot: it has the topics of the simulated plant, and nothing else is to run as it.

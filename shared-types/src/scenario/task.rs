@@ -220,7 +220,7 @@ impl Segment {
             time.is_finite() && time > 0.0 || is_tables,
             "duration_s",
             format!("the segment takes {time} s"),
-            "a positive time",
+            "give it a positive time, such as duration_s = 2.0",
         )?;
         require(
             time <= LONGEST_S || self.table.is_some(),

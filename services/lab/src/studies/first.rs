@@ -18,11 +18,11 @@ const TEMPLATE: &str = include_str!("first.toml");
 /// Lengths of a line that may suit the arm, the first that does is taken; m.
 const LENGTHS: [f64; 2] = [0.1, 0.01];
 
-/// Writes `NAME.toml`, and for a table `NAME.csv`, and returns its path: a path of this shape that the arm follows within the goal's bounds.
+/// Writes `NAME.toml`, and for a table `NAME.csv`, a path of this shape that the arm follows within the goal's bounds. Returns the file, and what was assumed of the arm.
 ///
 /// # Errors
 /// [`Failure`] where the file exists or cannot be written, there is no such robot, or no such path is found that it can follow.
-pub fn begin(name: &Path, robot: &str, shape: Shape) -> Result<PathBuf, Failure> {
+pub fn begin(name: &Path, robot: &str, shape: Shape) -> Result<(PathBuf, Vec<String>), Failure> {
     let mut path = name.as_os_str().to_owned();
     path.push(if name.extension().is_some_and(|it| it == "toml") {
         ""
@@ -50,7 +50,12 @@ pub fn begin(name: &Path, robot: &str, shape: Shape) -> Result<PathBuf, Failure>
     }
     let arm = load::robot(robot, None, None, None)?;
     arm.complete().map_err(Failure::input)?;
-    let (text, rows) = text(&path, robot, &arm, shape)?;
+    let (text, rows) = text(&path, robot, &arm, shape).map_err(|failure| match failure {
+        Failure::Input(why) if !arm.notes.is_empty() => {
+            Failure::Input(format!("{why}; {}", arm.notes.join("; ")))
+        }
+        other => other,
+    })?;
     // Another shell may have made it meanwhile.
     let write = |path: &Path, text: String| {
         files::write_new(path, text).map_err(|error| match error.kind() {
@@ -69,7 +74,7 @@ pub fn begin(name: &Path, robot: &str, shape: Shape) -> Result<PathBuf, Failure>
     };
     rows.map_or(Ok(()), |rows| write(&table, rows))?;
     write(&path, text)?;
-    Ok(path)
+    Ok((path, arm.notes))
 }
 
 /// The text of the first path that the arm can follow, and that of its table.

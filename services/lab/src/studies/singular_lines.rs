@@ -421,10 +421,21 @@ impl<const N: usize> Draw<'_, N> {
             last = self.any(&pose(f64::from(k) / f64::from(POSES)), &last, q, random)?;
         }
         let peak = 1.875 * (along.norm() / self.speed).max(turn.norm() / (self.speed / 0.28));
+        let goal = match self.robot.task.is_full() {
+            true => pose(1.0),
+            // Along the axes that the task leaves free the hand stays as it is at the start.
+            false => {
+                let start = self.arm.pose(&q_start);
+                Pose {
+                    R: rotation_exp(&turn) * start.R,
+                    p: start.p + along,
+                }
+            }
+        };
         let q_start = q_start.iter().copied().take(self.robot.dof());
         Some(Scenario {
             name: format!("{}-{index}", self.template.name),
-            ..straight(self.template, q_start.collect(), &pose(1.0), peak)
+            ..straight(self.template, q_start.collect(), &goal, peak)
         })
     }
 

@@ -17,6 +17,8 @@ use shared_types::wire::Part;
 
 /// Largest number in a target.
 const LARGEST: f64 = 1000.0;
+/// Farthest position, m: one in millimetres is farther.
+const FARTHEST_M: f64 = 100.0;
 /// Gain from a pose error to a twist, 1/s.
 const GAIN: f64 = 5.0;
 /// Share of the acceleration with which the reference is planned to stop at a pose.
@@ -58,6 +60,7 @@ pub fn check(target: &TargetContent, tick: u64, dof: usize) -> Result<(), u32> {
         .chain(quaternion)
         .chain(q)
         .any(|x| x.abs() > LARGEST)
+        || position.iter().any(|x| x.abs() > FARTHEST_M)
     {
         return Err(TARGET_REFUSAL_RANGE);
     }

@@ -184,6 +184,8 @@ impl Counts<'_> {
         let step = 100.0 * of(|row| row.joints.torque_step_max_ratio, 1.0);
         let plans = || self.0.iter().filter_map(|line| line.planning_ms);
         let [median, largest] = [0.5, 1.0].map(|share| quantile(plans(), share));
+        // Of lines that were all refused there are no numbers.
+        let run = |text: String| optional(self.rows().next(), |_| text.clone());
         vec![
             number(self.0.len()),
             number(self.ended(Outcome::Reached)),
@@ -193,9 +195,9 @@ impl Counts<'_> {
             number(share(|row| row.task.s1)),
             number(share(|row| row.task.s2)),
             number(share(Row::ended)),
-            number(digits(of(|row| row.task.orthogonal_max_mm, 0.95))),
-            number(stretch(of(|row| row.task.time_stretch, 0.9))),
-            number(format!("{step:.1} %")),
+            number(run(digits(of(|row| row.task.orthogonal_max_mm, 0.95)))),
+            number(run(stretch(of(|row| row.task.time_stretch, 0.9)))),
+            number(run(format!("{step:.1} %"))),
             missed(self.rows()).into(),
             number(format!("{median:.0} {largest:.0}")),
         ]
