@@ -55,7 +55,9 @@ impl Lines<'_> {
         let arm = load::robot(robot, None, None, None)?;
         arm.complete().map_err(Failure::input)?;
         let mut template = bare(SWEEP, robot, self.settings)?;
-        if let Ok(path) = Path::new(robot).canonicalize() {
+        // A folder may have the name of a built-in arm.
+        let file = Path::new(robot);
+        if let Some(path) = file.canonicalize().ok().filter(|path| path.is_file()) {
             // The lines' scenarios lie elsewhere.
             template.robot = path.display().to_string();
         }
