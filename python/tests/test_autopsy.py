@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 
+import armplane
 import incidents
 import numpy as np
 import pytest
@@ -78,6 +79,27 @@ def test_another_order_of_joints_is_found_and_another_robot_is_said(arm, tmp_pat
     mixed = autopsy.autopsy(tmp_path / "mixed.csv", arm[1])
     assert mixed["cause"] == "none" and any("2, 3, 1, 5, 6, 4" in note for note in mixed["notes"])
     assert autopsy.autopsy(tmp_path / "other.csv", arm[1])["cause"] == "another robot"
+
+
+def test_a_run_is_judged_by_its_own_arm(tmp_path):
+    # The tutorial's arm of three joints is asked for its tip's place alone; its description, which says so, is in the log.
+    page = next(path for folder in pathlib.Path(__file__).resolve().parents if (path := folder / "docs/tutorial.md").is_file()).read_text()
+    for name, text in re.findall(r"```(?:xml|toml) (arm\.urdf|arm\.toml|reach\.toml)\n(.*?)```", page, re.DOTALL):
+        (tmp_path / name).write_text(text)
+    run, log = armplane.run(tmp_path / "reach.toml", out=tmp_path / "reach"), tmp_path / "elsewhere.mcap"
+    (tmp_path / "reach/messages.mcap").rename(log)
+    assert run.summary["outcome"] == "goal reached"
+    assert autopsy.autopsy(log, None)["cause"] == "none"
+    with pytest.raises(ValueError, match=r"elsewhere\.mcap has 3 joints, the arm panda has 7"):
+        autopsy.autopsy(log, "panda")
+
+
+def test_zeros_behind_the_last_joint_are_no_joints(tmp_path):
+    t = np.arange(0, 2, 0.01)
+    q = np.c_[np.sin(t)[:, None] * np.linspace(0.1, 0.2, 3), np.zeros((len(t), 5))]
+    np.savetxt(tmp_path / "eight.csv", np.c_[t, q], delimiter=",", header="time," + ",".join(f"q[{j}]" for j in range(8)), comments="")
+    with pytest.raises(ValueError, match="no 7 joint positions of panda found"):
+        autopsy.autopsy(tmp_path / "eight.csv", "panda")
 
 
 def test_columns_are_mapped_in_their_order(tmp_path):

@@ -27,7 +27,9 @@ def autopsy(path, robot, tip=None, mapping=None, episode=None, picture=None):
     if robot is None and source.urdf is None:
         raise LogError(f"{source.name} holds no /robot_description: name the arm by --robot")
     if not isinstance(robot, Robot):
-        robot = Robot(robot or "the log's robot", tip, None if robot else source.urdf)
+        robot = Robot(robot, tip) if robot else Robot("the log's robot", tip or source.tip, source.urdf, source.description)
+    if source.dof not in (None, robot.dof):
+        raise LogError(f"{source.name} has {source.dof} joints, the arm {robot.name} has {robot.dof}: leave out --robot, or name the arm of the log")
     log, found = choose(source, robot, mapping or {}), []
     # A long log's columns are in memory once.
     source.tables.clear()

@@ -200,10 +200,12 @@ def _along(m, S, by):
     if not size.max() > 0:
         return
     share, need = part / np.maximum(size, 1e-12), part / np.maximum(m.sigma, 1e-6)
+    # A command goes before the arm, and may be nearer to the singularity.
+    need = need if m.vc is None else np.maximum(need, dot(m.null, m.vc[m.rows]))
     limit = _null_speed(m, 3 * np.quantile(norm(m.v), 0.9) + 1e-3)
     # Small arms are ill-conditioned everywhere: near is also far less than before.
     near = (m.sigma < 0.45 * np.maximum(m.usual, np.maximum.accumulate(m.sigma))) & (size > 0.1 * np.quantile(size, 0.95))
-    is_fast = (need > 0.8 * limit) & ((share > 0.12) | (own > 0.6 * limit) & (own > 0.8 * norm(v)))
+    is_fast = (need > limit) & ((share > 0.12) | (own > 0.6 * limit) & (own > 0.8 * norm(v)))
     is_lost = (share > 0.15) & (along > 0.15 * size) & (along > 0.8 * norm(missing)) & (need > 0.2 * limit)
     hit, halt, weight = long_run(near & (is_fast | is_lost), t, 0.03), _halt(m, S, size), 0.87
     if halt and (not hit or halt[0] < hit[0]):
@@ -250,7 +252,7 @@ def _evidence(m, a, b, weight, share, need, limits, by, **more):
     name, kind, zeta, measure = nearest(m, q)
     half, way = (zeta[3:], "rotation about") if norm(zeta[:3]) < 0.5 else (zeta[:3], "translation along")
     is_known = np.isfinite(limit)
-    fast = f", which needs {min(need, 999):.1f} rad/s" + (f" of {limit:.1f} there are" if is_known else "") if need > 0.5 * limit or not is_known else ""
+    fast = f", which needs {min(need, 999):.1f} rad/s" + (f" of {limit:.1f} there are" if is_known else "") if need > limit or not is_known else ""
     asked = "the joints' speed grew while the hand's did not" if share is None else f"{share:.0%} of the motion asked for was along it{fast}"
     where = f"its {name} singularity ({kind}, s = {measure:.3f}" if name != "unnamed" else f"a singularity ({sigma / m.usual:.0%} of the usual smallest singular value"
     words = f"the arm is near {where}, condition number {condition:.0f}); lost is the {way} ({' '.join(f'{x:+.2f}' for x in half)}), and {asked}"

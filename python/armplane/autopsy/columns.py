@@ -177,7 +177,9 @@ def _joint_groups(topic, columns, robot):
         first = 0 if is_named else min(members)
         names = [members.get(first + k) for k in range(robot.dof)]
         too_many = len(members) > robot.dof + 2 and not topic
-        if None in names or first > 1 or not is_named and too_many:
+        # Messages of a fixed size end in zeros behind the last joint.
+        is_padded = len(members) > robot.dof and not any(columns[members[k]].any() for k in members if k >= first + robot.dof - 1)
+        if None in names or first > 1 or not is_named and (too_many or is_padded):
             continue
         if role := _role([*tokens(topic), *stem.split()]):
             best = next((len(_BEST) - k for k, word in enumerate(_BEST) if word in f"{topic}.{names[0]}".lower()), 0)

@@ -38,11 +38,14 @@ class Table:
 
 @dataclass
 class Source:
-    """The contents of a log: tables, its robot's URDF where it has one, and sentences about its defects."""
+    """The contents of a log: tables, its robot's URDF, of a run also the arm's description, joints and tip, and sentences about defects."""
 
     name: str
     tables: list
     urdf: str | None = None
+    description: str = ""
+    dof: int | None = None
+    tip: str | None = None
     notes: list = field(default_factory=list)
     fps: float | None = None
 
@@ -303,10 +306,13 @@ def _types(texts):
 
 
 def _bag(path, files):
-    topics, notes = {}, []
+    topics, notes, job = {}, [], b""
     for file in files:
         try:
             for name, kind, types, t_ns, data in (_sqlite if file.suffix == ".db3" else _mcap)(file):
+                if types is None:
+                    job = data
+                    continue
                 if name not in topics:
                     topics[name] = Topic(name, kind, types)
                 topics[name].add(t_ns, data)
@@ -319,6 +325,9 @@ def _bag(path, files):
     source = Source(path.parent.name if path.name == "messages.mcap" else path.name, [], notes=notes)
     source.tables = [table for topic in topics.values() for table in topic.tables()]
     source.urdf = next((topic.text for topic in topics.values() if topic.text), None)
+    with contextlib.suppress(ValueError, KeyError, TypeError):  # Another program's job.json has other keys.
+        job = json.loads(job)
+        source.description, source.dof, source.tip = str(job["robot"]["description"]), int(job["dof"]), job["scenario"]["frame"] or None
     if other := sorted(topic.name for topic in topics.values() if topic.is_partial and not topic.parts):
         source.notes.append(f"Not decoded: {', '.join(other[:5])}{f' and {len(other) - 5} more' if len(other) > 5 else ''}.")
     if not source.tables:
@@ -341,7 +350,8 @@ def _sqlite(path):
 
 
 def _mcap(path):
-    from mcap.records import Channel, Message, Schema
+    """The messages of an MCAP file, and the job.json that runs of armplane attach: without types."""
+    from mcap.records import Attachment, Channel, Message, Schema
     from mcap.stream_reader import StreamReader
 
     schemas, channels = {}, {}
@@ -351,6 +361,8 @@ def _mcap(path):
                 yield *channels[record.channel_id], record.log_time, record.data
             elif isinstance(record, Schema):
                 schemas[record.id] = record.name, record.encoding, record.data.decode("utf-8", "replace")
+            elif isinstance(record, Attachment) and record.name == "job.json":
+                yield record.name, "", None, 0, record.data
             elif isinstance(record, Channel) and record.id not in channels:
                 schema, is_cdr = schemas.get(record.schema_id, ("", "", "")), record.message_encoding == "cdr"
                 channels[record.id] = record.topic, schema[0], _types([schema]) if is_cdr else {}

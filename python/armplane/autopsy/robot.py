@@ -14,9 +14,9 @@ class Robot:
     `scale` (6,) turns a twist's metres into radians, and leaves out what is not the hand's task. `notes`: sentences about gaps of the file.
     """
 
-    def __init__(self, name, tip=None, text=None):
-        """`name`: a built-in arm or the path of a URDF or MJCF file; `text`: a URDF from the log. Raises ValueError with the file's first defect."""
-        self.arm = arm = _open(name, tip, text)
+    def __init__(self, name, tip=None, text=None, description=""):
+        """`name`: a built-in arm or the path of a URDF or MJCF file; `text`: a URDF from the log, with its `description`. Raises ValueError."""
+        self.arm = arm = _open(name, tip, text, description)
         self.name, self.dof, self.joints = arm.name, arm.dof, list(arm.joints)
         self.lower, self.upper, self.velocity, self.effort = arm.lower, arm.upper, arm.velocity, arm.effort
         lacked = [words for words, limits in (("speed limits", self.velocity), ("torque limits", self.effort)) if np.isinf(limits).any()]
@@ -38,11 +38,12 @@ class Robot:
         return U[:, :, last], S[:, last], Vt[:, last]
 
 
-def _open(name, tip, text):
+def _open(name, tip, text, description):
     if text is not None:
         with tempfile.TemporaryDirectory(prefix="armplane-autopsy-") as folder:
             path = pathlib.Path(folder) / "robot.urdf"
             path.write_text(text, encoding="utf-8")
+            path.with_suffix(".toml").write_text(description, encoding="utf-8")
             return armplane.Arm.from_urdf(path, tip)
     if str(name) in armplane.Arm.names():
         return armplane.Arm.builtin(str(name), tip)
