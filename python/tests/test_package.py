@@ -79,6 +79,17 @@ def test_a_number_is_refused_in_words_and_never_raises():
     assert Arm.builtin("puma560").step_many(np.full((3, 6), np.nan))["count"].sum() == 0
 
 
+def test_a_pose_in_millimetres_or_transposed_is_refused():
+    arm = Arm.builtin("puma560")
+    q, zero, pose = np.array(arm.postures["nominal"]), np.zeros(6), arm.at(arm.postures["nominal"]).pose
+    far, mirrored = pose.copy(), pose @ np.diag([1.0, 1.0, -1.0, 1.0])
+    far[:3, 3] *= 1000
+    for wrong, refused in ((pose, 0), (pose + 1e-12, 0), (pose.T, 1), (mirrored, 1), (far, 1)):
+        law = Law(arm)
+        law.step(q, zero, wrong)
+        assert law.state.targets_refused == refused
+
+
 def test_a_wrong_argument_is_named_with_what_is_expected():
     arm, zero = Arm.builtin("iiwa14"), np.zeros(7)
     law = Law(arm)

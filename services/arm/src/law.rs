@@ -17,6 +17,9 @@ use crate::{Arm, is_finite};
 /// Age from which a target no longer counts, where those after it are refused; s.
 const VALID_S: f64 = 0.1;
 
+/// Error of a pose's last row that rounding may have made.
+const ROUNDED: f64 = 1e-6;
+
 /// The part of a law that all its rows share.
 pub struct Task {
     robot: Arc<Robot>,
@@ -85,7 +88,8 @@ impl Given<'_> {
                 let R = Rotation3::from_matrix_unchecked(R);
                 let turn = UnitQuaternion::from_rotation_matrix(&R);
                 target.position = [X[3], X[7], X[11]];
-                target.quaternion = match X[12..] == [0.0, 0.0, 0.0, 1.0] {
+                let mut last = X[12..].iter().zip([0.0, 0.0, 0.0, 1.0]);
+                target.quaternion = match last.all(|(x, pose)| (x - pose).abs() < ROUNDED) {
                     true => [turn.w, turn.i, turn.j, turn.k],
                     // It is transposed, say: refused for its rotation.
                     false => [0.0; 4],

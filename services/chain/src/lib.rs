@@ -291,6 +291,23 @@ mod tests {
     }
 
     #[test]
+    fn the_laws_of_others_do_not_tell_the_modes_of_ours() {
+        let modes = |law: &str| {
+            let text = sim::scenarios::text("fig5-wrist-rotation").unwrap();
+            let law = format!("control.strategy={law}");
+            let scenario = Scenario::parse("fig5", text, &[law]).unwrap();
+            let mut acts = 0;
+            run(&Robot::builtin("puma560").unwrap(), &scenario, |tick| {
+                acts += usize::from(tick.control_state.mode[1] != 0);
+            })
+            .unwrap();
+            acts
+        };
+        assert!(modes("blended") > 1000);
+        assert_eq!(modes("damped-least-squares"), 0);
+    }
+
+    #[test]
     fn a_target_is_in_the_torque_of_its_own_tick() {
         let twist = torques("twist, base, 1, 0.2 0 0 0 0 0");
         for other in [

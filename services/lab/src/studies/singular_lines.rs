@@ -494,6 +494,20 @@ mod tests {
     use super::*;
 
     #[test]
+    fn lines_of_a_planar_arm_ask_for_the_axes_of_its_task_alone() {
+        let robot = Robot::builtin("planar3r").unwrap();
+        let template = crate::trial::bare("lines", "planar3r", &[]).unwrap();
+        let of = (5, 4, 0.28);
+        let lines = singular_lines(&robot, &template, Through::One, of, &|_| ()).unwrap();
+        assert_eq!(lines.len(), 4);
+        for line in lines {
+            let law = line.scenario.control.strategy;
+            let trial = crate::trial::Trial::under(law, &robot, &line.scenario);
+            assert!(trial.run().is_ok(), "{:?}", trial.run());
+        }
+    }
+
+    #[test]
     fn lines_are_exactly_singular_where_they_say_and_the_same_for_a_seed() {
         let robot = Robot::builtin("ur5").unwrap();
         let template = crate::trial::bare("lines", "ur5", &[]).unwrap();
