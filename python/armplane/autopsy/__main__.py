@@ -5,9 +5,7 @@ import pathlib
 import sys
 
 from ..limited import Ended, limited
-from ..results import Parser
-
-INSTALL = "pip install 'armplane[autopsy]' (docs/autopsy.md)"
+from ..results import INSTALL, Parser
 
 
 def arguments():
@@ -67,7 +65,7 @@ def main():
         from . import ROLES, LogError
         from .logs import find
     except ImportError as error:
-        print(f"armplane: {error}: {INSTALL}", file=sys.stderr)
+        print(f"armplane: {error}: {INSTALL.format('autopsy')}", file=sys.stderr)
         return 2
     try:
         mapping = {role: columns.split(",") for role, _, columns in (text.partition("=") for text in options.map)}

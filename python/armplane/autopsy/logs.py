@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..results import INSTALL
+
 KINDS = (".csv", ".tsv", ".txt", ".parquet", ".mcap", ".db3")
 # Bytes after which the messages of a topic become arrays, and the largest message that can hold a joint's state or a robot's description.
 _PENDING, _LARGEST, _DESCRIPTION = 16 << 20, 64 << 10, 64 << 20
@@ -93,7 +95,7 @@ def read(path, episode=None):
     except LogError:
         raise
     except ImportError as error:
-        raise LogError(f"{path}: {error}: pip install 'armplane[autopsy]'") from None
+        raise LogError(f"{path}: {error}: {INSTALL.format('autopsy')}") from None
     except Exception as error:  # Readers of others raise errors of any kind on damaged files.
         raise LogError(f"{path} cannot be read: {_words(error)}; write it again, or cut it where it is damaged") from None
 

@@ -4,9 +4,10 @@ import itertools
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
+from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
-from .columns import hold
+from .columns import Stream, hold
 
 # Rows whose kinematics are computed; a longer log is thinned.
 MOST = 20_000
@@ -63,6 +64,7 @@ class Motion:
         v = self._held("qdot")
         self.v = slope(self.t, self.q, self.reach) if v is None else smooth(v, self.reach)
         self.tau, self.vc = self._held("tau"), self._held("qdot_cmd")
+        self._order()
         self.qc = self._held("q_cmd") if log["q_cmd"] is not log["q"] else None
         if self.vc is None and self.qc is not None:
             self.vc = slope(self.t, self.qc, self.reach)
@@ -73,6 +75,18 @@ class Motion:
     def _held(self, role):
         stream = self.log[role]
         return None if stream is None else filled(hold(stream, self.t))
+
+    def _order(self):
+        """A command whose joints are in another order than the state's is put into its order."""
+        command, state = self.log["q_cmd"], self.log["q"]
+        if command is None or command is state:
+            return
+        some = slice(None, None, max(1, len(self.t) // 2000))
+        cost = np.median(np.abs(filled(hold(command, self.t))[some, :, None] - self.q[some, None]), axis=0).T
+        joints, order = linear_sum_assignment(cost)
+        if cost[joints, order].sum() < 0.2 * np.trace(cost) and np.trace(cost) > 0.3:
+            self.log.streams["q_cmd"] = Stream(command.t, command.x[:, order], command.name)
+            self.notes.append(f"The command's joints are in another order than the state's; they were matched as {', '.join(str(k + 1) for k in order)}.")
 
     def _limits(self):
         r = self.robot
