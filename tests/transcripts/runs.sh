@@ -6,7 +6,8 @@ trap 'for job in $(jobs -p); do kill -KILL -- -$job; done 2> /dev/null || true' 
 
 # ARGUMENTS: a run, with its output in `out` and `err`; `launcher` is its process.
 start() {
-    $ARMPLANE "$@" > out 2> err &
+    # What runs these tests in the background, or under nohup, has ignored signals that they send.
+    env --default-signal=HUP,INT,QUIT "$ARMPLANE" "$@" > out 2> err &
     launcher=$!
     # Until then it is this shell, which takes a signal for its own.
     while [ -e /proc/$launcher/exe ] && ! [ /proc/$launcher/exe -ef $ARMPLANE ]; do :; done
