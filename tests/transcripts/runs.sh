@@ -43,9 +43,8 @@ replaced() {
 
 # Waits for its end. It leaves nothing; its output is printed, and its exit code returned.
 ended() {
-    code=0
-    # Without -f a launcher that was stopped and goes on may count as ended.
-    wait -f $launcher || code=$?
+    # 147: with job control, a launcher that was stopped and goes on counts as waited for. `wait -f`, which does not count that, may never return.
+    while code=0; wait $launcher || code=$?; [ $code = 147 ]; do sleep 0.01; done
     cat out
     cat err >&2
     if ls /dev/shm | grep -e "-$launcher-" || pgrep -f "[ ]--run /dev/shm/armplane-[^ ]*-$launcher-"; then exit 99; fi
