@@ -41,7 +41,7 @@ def _place(error):
 
 
 def _remedy(error, dof):
-    """What ctypes does not say where an array of a message is given a wrong number of values."""
+    """The hint that ctypes lacks where an array of a message is given a wrong number of values."""
     return f": fill arrays as in `torque.tau[:self.dof] = tau`, self.dof is {dof}" if re.search("_Array_|of same size", str(error)) else ""
 
 

@@ -238,6 +238,16 @@ impl Summary {
     }
 }
 
+impl TaskSummary {
+    /// How many times the planned time the task took, where the path waited for the arm.
+    #[must_use]
+    pub fn slowed(&self) -> Option<f64> {
+        /// A path counts as on time up to here, as in the arena.
+        const ON_TIME: f64 = 1.01;
+        Some(self.time_stretch).filter(|stretch| *stretch > ON_TIME)
+    }
+}
+
 /// Arms have limits, where a summary of an earlier version does not say.
 const fn limited() -> bool {
     true

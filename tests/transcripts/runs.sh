@@ -6,7 +6,7 @@ trap 'for job in $(jobs -p); do kill -KILL -- -$job; done 2> /dev/null || true' 
 
 # ARGUMENTS: a run, with its output in `out` and `err`; `launcher` is its process.
 start() {
-    # What runs these tests in the background, or under nohup, has ignored signals that they send.
+    # A caller in the background, or under nohup, lets its programs ignore signals that these tests send.
     env --default-signal=HUP,INT,QUIT "$ARMPLANE" "$@" > out 2> err &
     launcher=$!
     # Until then it is this shell, which takes a signal for its own.

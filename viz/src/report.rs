@@ -74,6 +74,7 @@ pub fn report(summary: &Summary, source: Source, lacks: &[String]) -> Result<Str
         "of": summary,
         "title": facts.title,
         "about": facts.job.scenario.about,
+        "slowed": summary.task.slowed(),
         "law": facts.job.scenario.control.strategy.name(),
         "class": class,
         "lacks": lacks,

@@ -217,7 +217,7 @@ def one_run(entry, scenario, folder, more, record=False):
     if opponent and not found.get("completed"):
         if opponent.has_died():
             found.update(outcome="failed", reason=opponent.last_words() or found["reason"])
-        # Whatever has gone wrong in it, the next run has another one.
+        # After any failure the next run has another process.
         CHILDREN.dismiss()
     return found
 

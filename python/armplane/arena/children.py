@@ -12,7 +12,7 @@ from contextlib import suppress
 
 # An interrupted run may take so long to end, and one whose opponent has died to notice; s.
 PATIENCE_S, NOTICES_S = 20, 2
-# What a run says of itself to a process that is to join it.
+# A run's own words to a process that is to join it.
 RUN = re.compile(rb"ARMPLANE_RUN=(\S+)")
 PIPES = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "start_new_session": True}
 

@@ -34,7 +34,7 @@ def figures(out, settings=None):
     if folder.is_file() or folder.is_dir() and any(folder.iterdir()):
         raise ValueError(f"{folder} exists: choose another folder")
     folder.mkdir(parents=True, exist_ok=True)
-    # Who is stopped leaves an empty folder, in which the same command begins anew.
+    # A command that is stopped leaves an empty folder, in which it begins anew.
     with tempfile.TemporaryDirectory(dir=folder) as draft:
         numbers = _drawn(pathlib.Path(draft), settings)
         for file in pathlib.Path(draft).iterdir():

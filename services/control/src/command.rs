@@ -51,16 +51,17 @@ pub(crate) fn running<const N: usize>(
     }
 }
 
-/// What the law does at each singularity. The laws of others do nothing there, but a path beyond reach is moved onto the boundary for them, too.
+/// The law's action at each singularity. The laws of others have none there, but a path beyond reach is moved onto the boundary for them, too.
 pub(crate) fn modes<const N: usize>(
     setup: &Setup<N>,
     state: &State<N>,
 ) -> [Mode; MAX_SINGULARITIES] {
     let is_ours = setup.scenario.control.strategy.is_ours();
-    let acts = |mode: &Mode| is_ours || *mode == Mode::Slide;
-    state
-        .loops
-        .map(|one| Some(one.mode).filter(acts).unwrap_or(Mode::Regular))
+    state.loops.map(|one| match one.mode {
+        Mode::Slide => Mode::Slide,
+        mode if is_ours => mode,
+        _ => Mode::Regular,
+    })
 }
 
 /// The command of a tick in which the arm is brought to rest, its torque already in `state`.

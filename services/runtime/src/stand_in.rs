@@ -20,7 +20,7 @@ const LOOK: Duration = Duration::from_millis(20);
 /// So long a program that has left the run may be ahead of the run's end.
 const AHEAD: Duration = Duration::from_secs(1);
 
-/// What a program writes that has left the run, before the reason why it could not go on.
+/// A program that has left the run writes this before the reason why it could not go on.
 const LEFT: &str = "left ";
 
 /// The file in which a program that the launcher has not started itself leaves its process id, and then that it has left the run.
@@ -31,19 +31,21 @@ fn place(run: &Path, process: &str) -> PathBuf {
 impl Shell {
     /// If another process stands for this one: leaves it the process id, and ends waits when it is gone.
     pub(crate) fn greet(&self) -> std::io::Result<()> {
-        let own = getpid().as_raw_nonzero();
-        let started = Pid::from_raw(self.shared().entry().pid() as i32);
-        if started == Some(getpid()) {
+        let Some(place) = self.stand_in() else {
             return Ok(());
-        }
-        self.shared().look_out.watch(started);
-        leave(&place(self.run_dir(), self.name()), &own.to_string())
+        };
+        self.shared().look_out.watch(self.launched());
+        leave(&place, &getpid().as_raw_nonzero().to_string())
     }
 
     /// Where another process that stands for this one reads that it has left.
     pub(crate) fn stand_in(&self) -> Option<PathBuf> {
-        let started = Pid::from_raw(self.shared().entry().pid() as i32);
-        (started != Some(getpid())).then(|| place(self.run_dir(), self.name()))
+        (self.launched() != Some(getpid())).then(|| place(self.run_dir(), self.name()))
+    }
+
+    /// The process that the launcher has started as this one.
+    fn launched(&self) -> Option<Pid> {
+        Pid::from_raw(self.shared().entry().pid() as i32)
     }
 }
 

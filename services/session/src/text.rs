@@ -12,9 +12,6 @@ use crate::results::{SCENARIO, SUMMARY};
 /// Columns of the table of errors at most.
 const WIDTH: usize = 80;
 
-/// The time of a run over the planned time from which on it is told.
-const SLOWED: f64 = 1.01;
-
 use crate::table::{count, number, size, table};
 
 /// The errors, singularities, limits, times and faults of a run, and its folder; [`Verdict`] follows.
@@ -165,11 +162,10 @@ fn times(f: &mut fmt::Formatter<'_>, summary: &Summary, is_long: bool) -> fmt::R
         summary.pace.ticks_per_s / rate_hz,
         summary.of.mode
     )?;
-    if summary.task.time_stretch > SLOWED {
+    if let Some(stretch) = summary.task.slowed() {
         writeln!(
             f,
-            "slowed     {:.2} × the planned time: the path waited for the arm",
-            summary.task.time_stretch
+            "slowed     {stretch:.2} × the planned time: the path waited for the arm"
         )?;
     }
     if let Some(chain) = summary.latency_us.get("chain").filter(|_| is_long) {

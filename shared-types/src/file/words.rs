@@ -23,17 +23,20 @@ const WHOLE: [(&str, &str); 8] = [
     ),
 ];
 
+const OF_64_BITS: &str =
+    "it must be a whole number from -9223372036854775808 to 9223372036854775807";
+
 /// Parts of the TOML reader's complaints, each with message and remedy.
 const SAYINGS: [(&str, &str, &str); 6] = [
     (
         "value was too large",
         "the whole number is too large",
-        "it must be a whole number from -9223372036854775808 to 9223372036854775807",
+        OF_64_BITS,
     ),
     (
         "number too large",
         "the whole number is too large",
-        "it must be a whole number from -9223372036854775808 to 9223372036854775807",
+        OF_64_BITS,
     ),
     (
         "key with no value",
@@ -53,7 +56,7 @@ const SAYINGS: [(&str, &str, &str); 6] = [
     (
         "cannot recurse further",
         "lists and tables are nested too deeply",
-        // What the reader takes.
+        // The reader's own limit.
         "at most 80 are within each other",
     ),
 ];

@@ -185,7 +185,7 @@ impl Counts<'_> {
         let plans = || self.0.iter().filter_map(|line| line.planning_ms);
         let [median, largest] = [0.5, 1.0].map(|share| quantile(plans(), share));
         // Of lines that were all refused there are no numbers.
-        let run = |text: String| optional(self.rows().next(), |_| text.clone());
+        let run = |text: String| optional(self.rows().next(), |_| text);
         vec![
             number(self.0.len()),
             number(self.ended(Outcome::Reached)),
