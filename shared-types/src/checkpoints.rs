@@ -170,6 +170,8 @@ wire! {
         held_ticks: u32,
         /// Zero in this version.
         reserved: u32,
+        /// The force of a target that the arm has given up, zero: none; N.
+        given_up: [f64; 3],
     }
 }
 
@@ -203,7 +205,7 @@ wire! {
 
 wire! {
     /// State of the controller after a tick.
-    ControllerCheckpoint checkpoint version 8 {
+    ControllerCheckpoint checkpoint version 9 {
         /// Index of the task segment; the number of segments once the path is finished.
         segment: u32,
         /// 1 once the segment's goal has been fixed.
@@ -296,9 +298,9 @@ mod tests {
                 0xd183_645a_d89c_2cda,
             ),
             (
-                "armplane.ControllerCheckpoint.v8",
-                3832,
-                0xf0db_5182_f346_e7a9,
+                "armplane.ControllerCheckpoint.v9",
+                3888,
+                0x5728_844f_bf87_5205,
             ),
         ];
         assert_eq!(

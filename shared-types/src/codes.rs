@@ -220,7 +220,7 @@ codes! {
         /// A NaN or an infinity.
         TARGET_REFUSAL_NUMBER = 1 "it holds a NaN or an infinity",
         /// A frame without a name, or one in which this kind cannot be given.
-        TARGET_REFUSAL_FRAME = 2 "its frame is unknown, or not one for its kind (a pose is in base)",
+        TARGET_REFUSAL_FRAME = 2 "its frame is unknown, or not one for its kind (a pose is in base, a force in base or hand)",
         /// A kind or a side without a name.
         TARGET_REFUSAL_KIND = 3 "its kind or its side is unknown",
         /// A quaternion whose norm is not 1, or a matrix that is no rotation.
@@ -231,6 +231,8 @@ codes! {
         TARGET_REFUSAL_RANGE = 6 "a number is beyond 1000, or its position beyond 100 m",
         /// A posture of another number of joints.
         TARGET_REFUSAL_JOINTS = 7 "its posture has not one value for each joint of the arm",
+        /// A force where there is no surface, one that no joint holds, below 0.1 N, or with a posture.
+        TARGET_REFUSAL_FORCE = 8 "its force has nothing to press on, is below 0.1 N or beyond what the joints hold, or comes with a posture",
     }
 
     /// How the controller follows its target, and why not faster.

@@ -30,10 +30,10 @@ use crate::scenario::Scenario;
 use crate::topics::TOPICS;
 
 pub use crate::process::{MAX_PROCESSES, Process, Program, Restart, Role};
-pub use built_in::{BUILT_IN, PRESSING, STEERED};
+pub use built_in::{BUILT_IN, PRESSING, STEERED, STEERED_PRESSING};
 pub use topology::Graph;
 
-use built_in::{BUILT_IN_NAME, EVERYTHING, PRESSING_NAME, STEERED_NAME};
+use built_in::{BUILT_IN_NAME, EVERYTHING, PRESSING_NAME, STEERED_NAME, STEERED_PRESSING_NAME};
 
 impl Graph {
     /// The built-in graph, of a steered run with an operator.
@@ -54,10 +54,12 @@ impl Graph {
     /// # Errors
     /// See [`Graph::parse`].
     pub fn of(scenario: &Scenario) -> Result<Self, InvalidFile> {
-        if scenario.has_wrist_sensor() {
-            return Self::parse("force.toml", PRESSING);
+        let is_steered = scenario.servo.is_some();
+        match (scenario.has_wrist_sensor(), is_steered) {
+            (true, true) => Self::parse("servo-force.toml", STEERED_PRESSING),
+            (true, false) => Self::parse("force.toml", PRESSING),
+            _ => Self::built_in(is_steered),
         }
-        Self::built_in(scenario.servo.is_some())
     }
 
     /// Reads and validates a graph.
@@ -67,26 +69,26 @@ impl Graph {
     /// no process that makes the ticks; a process of ours without a topic it needs; a message with padding.
     pub fn parse(file: &str, text: &str) -> Result<Self, InvalidFile> {
         let mut graph: Self = crate::file::parse(file, text, &[])?;
-        let before = match graph.extends.as_str() {
-            "" => 0,
-            BUILT_IN_NAME => graph.extend(BUILT_IN)?,
-            PRESSING_NAME => graph.extend(PRESSING)? + graph.extend(BUILT_IN)?,
-            STEERED_NAME => {
-                // Two steps: the graph of a steered run extends the other.
-                graph.extend(STEERED)? + graph.extend(BUILT_IN)?
-            }
+        let layers: &[&str] = match graph.extends.as_str() {
+            "" => &[],
+            BUILT_IN_NAME => &[BUILT_IN],
+            PRESSING_NAME => &[PRESSING, BUILT_IN],
+            STEERED_NAME => &[STEERED, BUILT_IN],
+            STEERED_PRESSING_NAME => &[STEERED_PRESSING, PRESSING, BUILT_IN],
             other => {
                 let message = format!("there is no graph `{other}` to extend");
                 return Err(Complaint::new(
                     "extends",
                     message,
                     format!(
-                        "extends = \"{BUILT_IN_NAME}\", \"{STEERED_NAME}\" or \"{PRESSING_NAME}\""
+                        "extends = \"{BUILT_IN_NAME}\", \"{STEERED_NAME}\", \"{PRESSING_NAME}\" or \"{STEERED_PRESSING_NAME}\""
                     ),
                 )
                 .locate(file, text));
             }
         };
+        let extended = layers.iter().map(|layer| graph.extend(layer));
+        let before = extended.sum::<Result<usize, _>>()?;
         graph.read_everything();
         let located = |complaint: Complaint| {
             Complaint {
@@ -200,11 +202,13 @@ mod tests {
         assert!(all().eq(&steered.process("recorder").unwrap().reads));
         // One that controls a force has a sensor at the wrist, and no target.
         let pressing = parse(PRESSING);
-        assert_eq!(
-            names(pressing.hops()),
-            ["plant", "estimator", "analyzer", "controller"]
-        );
+        let plain = ["plant", "estimator", "analyzer", "controller"];
+        assert_eq!(names(pressing.hops()), plain);
         assert!(pressing.writer(PRESSED).is_some() && pressing.writer("target").is_none());
+        // A steered one that may press has both.
+        let both = parse(STEERED_PRESSING);
+        assert_eq!(names(both.hops()), hops);
+        assert_eq!(both.process("recorder").unwrap().reads, TOPICS);
     }
 
     fn in_chain(graph: &Graph) -> Vec<&Process> {

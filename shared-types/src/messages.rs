@@ -165,6 +165,8 @@ wire! {
         quaternion: [f64; 4],
         /// Joint positions, of a posture; rad (m for prismatic joints).
         q: [f64; MAX_DOF],
+        /// Force with which the hand presses, in the axes of `force_frame`: along it the force is controlled and not the motion; zero: none; N.
+        force: [f64; 3],
         /// One of `codes::TARGETS`.
         kind: u32,
         /// One of `codes::FRAMES`: the axes of a twist; a pose is in B.
@@ -173,12 +175,16 @@ wire! {
         side: u32,
         /// Joints of a posture.
         joints: u32,
+        /// One of `codes::FRAMES`, base or hand: the axes of `force`.
+        force_frame: u32,
+        /// Zero in this version.
+        reserved: u32,
     }
 }
 
 wire! {
     /// The motion asked for at a tick: operator → controller. Only runs that are steered have it.
-    Target on "target" version 2 {
+    Target on "target" version 3 {
         /// Tick, incarnation, stamps.
         header: Header,
         /// The motion.
@@ -316,7 +322,7 @@ mod tests {
             ("armplane.WristForce.v1", 176, 0x2718_8641_471c_ee33),
             ("armplane.StateEstimate.v4", 416, 0x26d6_dbe8_667c_45e8),
             ("armplane.SingularityReport.v5", 1328, 0xa796_68c8_2480_372e),
-            ("armplane.Target.v2", 352, 0xf7a8_d3c2_246c_9806),
+            ("armplane.Target.v3", 384, 0xd05e_d08f_0498_db01),
             ("armplane.ServoState.v1", 288, 0xb214_d5f1_9577_26e4),
             ("armplane.ControlState.v4", 712, 0x3d62_26b6_3bfd_a497),
             ("armplane.TorqueCommand.v5", 224, 0xf478_adea_d3f1_5ea4),

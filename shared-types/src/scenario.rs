@@ -158,10 +158,11 @@ impl Scenario {
         Some(self.frame.as_str()).filter(|frame| !frame.is_empty())
     }
 
-    /// Whether a segment controls a force.
+    /// Whether a segment controls a force, or a target may: where a steered run has a surface.
     #[must_use]
     pub fn presses(&self) -> bool {
-        self.segment.iter().any(|segment| segment.force.is_some())
+        let is_steered_to = self.servo.is_some() && !self.plant.surface.is_empty();
+        is_steered_to || self.segment.iter().any(|segment| segment.force.is_some())
     }
 
     /// Whether a segment controls a force by a sensor at the wrist.

@@ -3,7 +3,7 @@
 //!
 //! ```csv
 //! # armplane targets 1, length m
-//! # time_s, kind, frame, valid_s, values, side, given_s
+//! # time_s, kind, frame, valid_s, values, side, given_s, force
 //! 0.00, twist, base, 0.2, 0.005 0 0 0 0 0
 //! 0.10, pose, base, 0.2, 0.5 0 0.7 0 1 0 0 0.05 0 0 0 0 0
 //! 0.20, posture, joints, 0.2, 0 0.3 1.2 0 0.5 0, positive
@@ -17,7 +17,8 @@
 //! `[linear; angular]`, in the axes of base, hand or singular; a pose has seven (position,
 //! quaternion), and six more for the twist with which it moves; a posture has one per joint. `side`
 //! (keep, negative, positive) and `given_s`, the time at which the target was measured where it is
-//! not `time_s`, may be left out. A restarted operator gives `none` until it receives a target. A
+//! not `time_s`, may be left out. So may `force`, the force with which the hand presses, in N: `hand 0
+//! 0 10`, or in the axes of the base. A restarted operator gives `none` until it receives a target. A
 //! frame may be a number, because another program may have sent it. `NaN` is read, and refused by
 //! the controller.
 
@@ -290,11 +291,26 @@ fn content(line: &str, per_metre: f64, tick: u64, rate_hz: u32) -> Result<Target
     }
     target.side = next().map_or(Ok(SIDE_KEEP), |side| code(side, SIDES, "side"))?;
     target.given_tick = next().map_or(Ok(tick), |given| ticks(given, rate_hz))?;
+    if let Some(text) = next() {
+        (target.force_frame, target.force) = force(text)?;
+    }
     Ok(if target.is_finite() {
         target
     } else {
         unreadable(target.given_tick)
     })
+}
+
+/// The frame of a force, and its components; N.
+fn force(text: &str) -> Result<(u32, [f64; 3]), String> {
+    let mut words = text.split_whitespace();
+    let frame = code(words.next().unwrap_or_default(), FRAMES, "frame")?;
+    let values = words.map(|word| number(word, "a force"));
+    let values = values.collect::<Result<Vec<_>, _>>()?;
+    let values = <[f64; 3]>::try_from(values);
+    values
+        .map(|force| (frame, force))
+        .map_err(|values| format!("a force has 3 values after its frame, not {}", values.len()))
 }
 
 /// In place of a target with a NaN or an infinity, which no message may hold.
@@ -311,7 +327,8 @@ pub fn unreadable(given_tick: u64) -> TargetContent {
 #[must_use]
 pub fn write(rows: &[Row], rate_hz: u32) -> String {
     let seconds = |tick: u64| tick as f64 / f64::from(rate_hz);
-    let mut text = format!("{HEAD}m\n# time_s, kind, frame, valid_s, values, side, given_s\n");
+    let mut text =
+        format!("{HEAD}m\n# time_s, kind, frame, valid_s, values, side, given_s, force\n");
     for Row { tick, target } in rows {
         let line = match target.kind {
             TARGET_END | TARGET_NONE => {
@@ -346,7 +363,14 @@ pub fn write(rows: &[Row], rate_hz: u32) -> String {
                     target.valid_s,
                     values.join(" ")
                 );
-                format!("{head}, {side}, {}", seconds(target.given_tick))
+                let (given, [x, y, z]) = (seconds(target.given_tick), target.force);
+                match target.force == [0.0; 3] {
+                    true => format!("{head}, {side}, {given}"),
+                    false => {
+                        let frame = name_of(FRAMES, target.force_frame);
+                        format!("{head}, {side}, {given}, {frame} {x} {y} {z}")
+                    }
+                }
             }
         };
         text.push_str(&line);
@@ -390,19 +414,22 @@ fn ticks(text: &str, rate_hz: u32) -> Result<u64, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::codes::FRAME_HAND;
 
     #[test]
     fn a_written_target_is_read_again_bit_for_bit() {
         let text = "# armplane targets 1, length mm\n\n0, twist, hand, 0.2, 5 0 0 0 0 0.1\n0.1, pose, base, 1, 500 0 700 0 1 0 0, keep, 0.05\n\
-                    0.2,posture,joints,1, 0.1 0.2 0.3 0.4 0.5 0.6,positive\n0.3,twist,7,1,0 0 0 0 0 0\n0.4,twist,base,1,NaN 0 0 0 0 0\n0.5,none\n1,end\n";
+                    0.2,posture,joints,1, 0.1 0.2 0.3 0.4 0.5 0.6,positive\n0.25,twist,base,1,0 0 0 0 0 0,,,hand 0 0.5 10\n0.3,twist,7,1,0 0 0 0 0 0\n0.4,twist,base,1,NaN 0 0 0 0 0\n0.5,none\n1,end\n";
         let rows = parse(text, 1000).unwrap();
         let targets: Vec<_> = rows.iter().map(|row| row.target).collect();
         assert_eq!(
             (rows.len(), targets[0].twist[0], targets[1].position),
-            (7, 0.005, [0.5, 0.0, 0.7])
+            (8, 0.005, [0.5, 0.0, 0.7])
         );
-        let codes = (targets[1].given_tick, targets[3].frame, targets[4].kind);
+        let codes = (targets[1].given_tick, targets[4].frame, targets[5].kind);
         assert_eq!(codes, (50, 7, TARGET_UNREADABLE));
+        let pressing = (targets[3].force_frame, targets[3].force);
+        assert_eq!(pressing, (FRAME_HAND, [0.0, 0.5, 10.0]));
         let mut odd = rows.clone();
         odd[0].target.twist[1] = 0.1 + 0.2;
         assert_eq!(parse(&write(&odd, 1000), 1000).unwrap(), odd);
@@ -452,6 +479,8 @@ mod tests {
             ("-1, end", 2),
             ("NaN, end", 2),
             ("0, twist, base, one, 0 0 0 0 0 0", 2),
+            ("0, twist, base, 1, 0 0 0 0 0 0, keep, 0, hand 0 10", 2),
+            ("0, twist, base, 1, 0 0 0 0 0 0, keep, 0, tool 0 0 10", 2),
             ("0, posture, joints, 1, 0 0 0 0 0 0 0 0 0 0 0 0 0 0", 2),
             ("", 1),
         ];

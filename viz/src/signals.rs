@@ -5,6 +5,7 @@
 
 use model::Robot;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+use shared_types::codes::FRAME_HAND;
 use shared_types::event::Event;
 use shared_types::graph::Graph;
 use shared_types::messages::SingularityState;
@@ -230,10 +231,23 @@ impl<'a, 'm> Now<'a, 'm> {
         command.map(|m| values(m)[..count].iter().copied())
     }
 
-    /// The force of the present segment along its axis, [set-point, true contact]; N.
+    /// The force that the present segment asks for, or the target.
+    fn force(&self) -> Option<Pressed> {
+        if let Some(message) = self.row.target {
+            let force = Vector3::from(message.target.force);
+            return Some(Pressed {
+                newtons: force.norm(),
+                axis: force.try_normalize(0.0)?,
+                is_of_tool: message.target.force_frame == FRAME_HAND,
+            });
+        }
+        let command = self.row.control_state?;
+        *self.limits.forces.get(command.segment as usize)?
+    }
+
+    /// That force along its axis, [set-point, true contact]; N.
     pub(crate) fn pressed(&self) -> Option<[f64; 2]> {
-        let (m, command) = (self.row.plant_state?, self.row.control_state?);
-        let force = self.limits.forces.get(command.segment as usize)?.as_ref()?;
+        let (m, force) = (self.row.plant_state?, self.force()?);
         let e = match force.is_of_tool {
             true => Matrix3::from_column_slice(&m.R_BE) * force.axis,
             false => force.axis,
@@ -531,8 +545,8 @@ fn hops_us(stamps: Option<&Stamps>, hops: Option<ChainHops>) -> Option<[f64; HOP
     Some(times)
 }
 
-/// A force that a segment asks for.
-#[derive(Clone, Debug)]
+/// A force that a segment or a target asks for.
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct Pressed {
     /// Set-point, N.
     newtons: f64,
@@ -544,7 +558,7 @@ pub(crate) struct Pressed {
 /// The constants of a run that its numbers need: limits that make ratios of joint quantities, and forces.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Limits {
-    /// By segment; empty of a run that presses on nothing.
+    /// By segment; empty of a run that presses on nothing. A steered run has one place, for its targets.
     pub(crate) forces: Vec<Option<Pressed>>,
     pub(crate) centre: Vec<f64>,
     pub(crate) half_range: Vec<f64>,
@@ -588,8 +602,9 @@ impl Limits {
         };
         let segments = scenario.segment.iter().filter(|_| scenario.presses());
         let forces = segments.map(|one| one.force.as_ref().and_then(pressed));
+        let steered = scenario.servo.iter().filter(|_| scenario.presses());
         Self {
-            forces: forces.collect(),
+            forces: forces.chain(steered.map(|_| None)).collect(),
             ..self
         }
     }

@@ -16,7 +16,7 @@ use crate::types::{Class, Kind, Report};
 use model::{Model, Refused, Robot, Terms, joints};
 use nalgebra::{Cholesky, SVector, Vector3, Vector6};
 use shared_types::scenario::Scenario;
-use shared_types::{MAX_SINGULARITIES, PlantState, SingularityReport};
+use shared_types::{MAX_SINGULARITIES, PlantState, SingularityReport, TargetContent};
 
 /// The ground truth of an arm of any number of joints.
 pub trait GroundTruth: std::fmt::Debug {
@@ -40,8 +40,15 @@ pub trait GroundTruth: std::fmt::Debug {
     /// The desired motion of E at a place, where the clock runs at `rate`, 0 to 1; `None` in a steered run.
     fn desired(&self, place: &Progress, rate: f64) -> Option<PoseMotion>;
 
-    /// The force that the leg at a place asks for, and how the true contact and pose answer it; `None` where it asks for none.
-    fn force(&self, place: &Progress, truth: &PlantState) -> Option<Contact>;
+    /// The force that the leg at a place, or the target of a steered run, asks for, and how the true contact and the `error` of the true pose answer it;
+    /// `None` where there is none.
+    fn force(
+        &self,
+        place: Option<&Progress>,
+        target: Option<&TargetContent>,
+        truth: &PlantState,
+        error: &Vector6<f64>,
+    ) -> Option<Contact>;
 
     /// The demand of the leg at this index on the posture, beside the pose, and how the true posture meets it.
     fn asked(&self, leg: usize) -> Asked;
@@ -196,14 +203,23 @@ impl<const N: usize> GroundTruth for Truth<N> {
         Some(path.desired(place, rate, 0.0))
     }
 
-    fn force(&self, place: &Progress, truth: &PlantState) -> Option<Contact> {
+    fn force(
+        &self,
+        place: Option<&Progress>,
+        target: Option<&TargetContent>,
+        truth: &PlantState,
+        error: &Vector6<f64>,
+    ) -> Option<Contact> {
         let R = nalgebra::Matrix3::from_column_slice(&truth.R_BE);
-        let (force, e) = self.forces.at(place.leg, &R)?;
-        let whole = linear::stack(&e, &Vector3::zeros());
+        let wish = match place {
+            Some(place) => self.forces.at(place.leg, &R),
+            None => self.forces.of_target(target?, &R),
+        }?;
+        let whole = linear::stack(&wish.e, &Vector3::zeros());
         Some(Contact {
-            newtons: force.newtons,
-            pressed_n: -e.dot(&Vector3::from(truth.contact_force_n)),
-            across_mm: 1e3 * linear::linear(&self.error(place, truth)).norm(),
+            newtons: wish.newtons,
+            pressed_n: -wish.e.dot(&Vector3::from(truth.contact_force_n)),
+            across_mm: 1e3 * linear::linear(&wish.across(error)).norm(),
             borne: (whole - self.orthogonal(&whole)).norm(),
         })
     }
@@ -241,7 +257,8 @@ impl<const N: usize> GroundTruth for Truth<N> {
         let free = free_axis::free_axis(&self.task);
         let turn = free_axis::rotation_error(&desired.R, &R, free.as_ref());
         let error = linear::stack(&(desired.p - Vector3::from(truth.p_BE)), &turn);
-        let error = self.forces.across(place.leg, error, &R);
+        let wish = self.forces.at(place.leg, &R);
+        let error = wish.map_or(error, |wish| wish.across(&error));
         // Times zero, not zero: a NaN stays one.
         Vector6::from_fn(|i, _| error[i] * if self.task[i] { 1.0 } else { 0.0 })
     }

@@ -202,8 +202,13 @@ impl Judge {
             bound_mm,
         );
         let place = self.path.place();
-        self.task
-            .touch(&tick, truth, place.as_ref(), 1.0 / self.asked.rate_hz);
+        self.task.touch(
+            &tick,
+            truth,
+            place.as_ref(),
+            &whole,
+            1.0 / self.asked.rate_hz,
+        );
         let clock = Clock {
             tick: k,
             rate_hz: self.asked.rate_hz,

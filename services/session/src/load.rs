@@ -515,7 +515,7 @@ pub fn graph_of(scenario: &Scenario, file: Option<&Path>) -> Result<Graph, Failu
     };
     if scenario.has_wrist_sensor() && graph.writer(PRESSING).is_none() {
         return Err(Failure::Input(format!(
-            "{} controls a force by a sensor at the wrist, and no process of the graph writes `{PRESSING}`: extend the graph \"force\", or set plant.wrist_sensor = false",
+            "{} controls a force by a sensor at the wrist, and no process of the graph writes `{PRESSING}`: extend the graph \"force\" (\"servo-force\" where it is steered), or set plant.wrist_sensor = false",
             scenario.name
         )));
     }

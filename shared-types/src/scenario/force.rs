@@ -47,6 +47,20 @@ fn reach_m() -> f64 {
 }
 
 impl Force {
+    /// The terms of a force that a target asks for, on a surface of so many N/m.
+    #[must_use]
+    pub fn on(stiffness_n_m: f64) -> Self {
+        Self {
+            axis: String::new(),
+            newtons: 0.0,
+            stiffness_n_m,
+            until_newtons: None,
+            ramp_s: ramp_s(),
+            approach_m_s: approach_m_s(),
+            reach_m: reach_m(),
+        }
+    }
+
     /// The direction in which the hand presses: a unit vector, and whether it is in the hand's axes. `None` where the text is none.
     #[must_use]
     pub fn direction(&self) -> Option<([f64; 3], bool)> {
@@ -112,7 +126,7 @@ pub struct Surface {
 fn upwards() -> [f64; 3] {
     [0.0, 0.0, 1.0]
 }
-fn stiffness_n_m() -> f64 {
+pub(super) fn stiffness_n_m() -> f64 {
     20_000.0
 }
 fn damping_s_m() -> f64 {

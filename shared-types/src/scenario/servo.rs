@@ -2,8 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::force::stiffness_n_m;
 use crate::codes::TARGET_END;
-use crate::file::{Complaint, positive, require, within};
+use crate::file::{Complaint, key_within, positive, require, within};
 use crate::target_file::{self, Row};
 
 /// A steered run: the arm follows targets instead of segments.
@@ -35,6 +36,13 @@ pub struct Servo {
     pub acceleration_m_s2: f64,
     /// Largest angular acceleration of the end-effector; rad/s².
     pub acceleration_rad_s2: f64,
+    /// About the stiffness of the surfaces that targets press on, within a factor of 2; N/m.
+    #[serde(skip_serializing_if = "is_usual")]
+    pub stiffness_n_m: f64,
+}
+
+fn is_usual(value: &f64) -> bool {
+    *value == stiffness_n_m()
 }
 
 fn is_false(value: &bool) -> bool {
@@ -57,6 +65,7 @@ impl Default for Servo {
             speed_rad_s: 1.5,
             acceleration_m_s2: 2.0,
             acceleration_rad_s2: 6.0,
+            stiffness_n_m: stiffness_n_m(),
         }
     }
 }
@@ -111,6 +120,7 @@ impl Servo {
         ] {
             positive(&format!("servo.{name}"), value)?;
         }
+        key_within("servo.", "stiffness_n_m", self.stiffness_n_m, 10.0..=1e6)?;
         let (time, key) = (self.duration_s, "servo.duration_s");
         within(key, time, 0.0..=36_000.0, format!("`duration_s` is {time}"))?;
         if self.targets.is_empty() {

@@ -29,7 +29,9 @@ use crate::tick::{Motion, Now};
 use crate::types::{Refusal, Report};
 use model::{Pose, Terms};
 use nalgebra::{Matrix3, SVector, Vector3, Vector6};
+use shared_types::TargetContent;
 use shared_types::checkpoints::ForceCheckpoint;
+use shared_types::codes::FRAME_HAND;
 use shared_types::scenario::{Force, Scenario, Strategy};
 
 /// With a sensor.
@@ -44,6 +46,8 @@ const BY_OBSERVER: Tuning = Tuning {
     omega_o: 30.0,
     felt_s: 0.1,
 };
+/// Least force that a target asks for, N: as of a segment.
+const LEAST_N: f64 = 0.1;
 /// ω_i, 1/s.
 const INTEGRAL: f64 = 5.0;
 /// Share of the force from which on there is a contact, and the least such force, N.
@@ -66,12 +70,23 @@ const LEFT: (f64, f64) = (0.2, 0.4);
 /// Least mobility along e with which a force is told from a disturbance, 1/kg.
 const MOBILITY: f64 = 1e-6;
 
-/// The forces of a scenario, by segment.
+/// The forces of a scenario, by segment; of a steered run the terms on which targets press.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Forces(Vec<Option<Wanted>>);
 
 /// A force, its direction, and whether that is in the hand's axes.
 type Wanted = (Force, Vector3<f64>, bool);
+
+/// A force that is asked for at a tick.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Wish<'a> {
+    /// On which terms.
+    terms: &'a Force,
+    /// Set-point, N.
+    pub(crate) newtons: f64,
+    /// Direction, base axes.
+    pub(crate) e: Vector3<f64>,
+}
 
 /// How far a segment's force is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -101,8 +116,8 @@ pub(crate) struct Pressing {
     /// δ̂, m.
     depth_m: f64,
     felt_n: f64,
-    /// The newest force of the wrist's sensor, base axes; N.
-    wrist_n: Vector3<f64>,
+    /// The newest force of the wrist's sensor, base axes; of a steered run without one the observer's; N.
+    pub(crate) wrist_n: Vector3<f64>,
     /// v̂, m/s.
     surface_speed: f64,
     /// Place along e from which a surface is looked for, m.
@@ -139,9 +154,14 @@ impl Tuning {
     }
 
     /// Speed of the approach, m/s: the impact on a surface as stiff as stated is at most twice the set-point.
-    fn approach(&self, force: &Force) -> f64 {
-        let gentle = std::f64::consts::E * self.omega * force.newtons / force.stiffness_n_m;
-        force.approach_m_s.min(gentle)
+    fn approach(&self, wish: &Wish<'_>) -> f64 {
+        let Force {
+            stiffness_n_m,
+            approach_m_s,
+            ..
+        } = wish.terms;
+        let gentle = std::f64::consts::E * self.omega * wish.newtons / stiffness_n_m;
+        approach_m_s.min(gentle)
     }
 }
 
@@ -163,6 +183,10 @@ impl Forces {
         if !scenario.presses() {
             return Self::default();
         }
+        if let Some(session) = &scenario.servo {
+            let terms = Force::on(session.stiffness_n_m);
+            return Self(vec![Some((terms, Vector3::zeros(), false))]);
+        }
         let segments = scenario.segment.iter();
         let forces = segments.map(|one| one.force.as_ref().and_then(force));
         Self(forces.collect())
@@ -175,9 +199,34 @@ impl Forces {
     }
 
     /// The force of a leg, and its direction for a hand that is turned by `R_BE`.
-    pub(crate) fn at(&self, leg: usize, R_BE: &Matrix3<f64>) -> Option<(&Force, Vector3<f64>)> {
-        let (force, axis, of_tool) = self.0.get(leg)?.as_ref()?;
-        Some((force, if *of_tool { R_BE * axis } else { *axis }))
+    pub(crate) fn at(&self, leg: usize, R_BE: &Matrix3<f64>) -> Option<Wish<'_>> {
+        let (terms, axis, of_tool) = self.0.get(leg)?.as_ref()?;
+        let newtons = terms.newtons;
+        (newtons > 0.0).then(|| Wish {
+            terms,
+            newtons,
+            e: if *of_tool { R_BE * axis } else { *axis },
+        })
+    }
+
+    /// The force of a target, for a hand that is turned by `R_BE`; `None`: it has none, or there is nothing to press on.
+    pub(crate) fn of_target(
+        &self,
+        target: &TargetContent,
+        R_BE: &Matrix3<f64>,
+    ) -> Option<Wish<'_>> {
+        let (terms, ..) = self.0.first()?.as_ref()?;
+        let force = Vector3::from(target.force);
+        let newtons = force.norm();
+        let e = force / newtons;
+        (newtons > 0.0).then(|| Wish {
+            terms,
+            newtons,
+            e: match target.force_frame {
+                FRAME_HAND => R_BE * e,
+                _ => e,
+            },
+        })
     }
 
     /// Moves on by `dt_s` on the path. A leg after one with a force begins where the surface has left the hand.
@@ -191,7 +240,7 @@ impl Forces {
     ) {
         let before = progress.leg;
         path.advance(progress, dt_s, report);
-        if let Some((_, e)) = self.at(before, &X_BE.R)
+        if let Some(Wish { e, .. }) = self.at(before, &X_BE.R)
             && progress.leg != before
         {
             progress.start.p += e * e.dot(&(X_BE.p - progress.start.p));
@@ -205,12 +254,12 @@ impl Forces {
     #[inline(never)]
     pub(crate) fn free<const N: usize>(
         &self,
-        leg: usize,
+        state: &State<N>,
         desired: &mut PoseMotion,
         now: &Now<'_, N>,
     ) {
         let Now { terms, qdot, .. } = *now;
-        let Some((_, e)) = self.at(leg, &terms.X_BE.R) else {
+        let Some(Wish { e, .. }) = self.wish(state, &terms.X_BE.R) else {
             return;
         };
         let along = |x: Vector3<f64>| stack(&(e * e.dot(&x)), &Vector3::zeros());
@@ -220,20 +269,35 @@ impl Forces {
         desired.a -= along(linear(&desired.a));
     }
 
-    /// The share of a pose error that is the path's: not that along e.
-    pub(crate) fn across(
+    /// The force of this tick, for a hand that is turned by `R_BE`.
+    pub(crate) fn wish<const N: usize>(
         &self,
-        leg: usize,
-        error: Vector6<f64>,
+        state: &State<N>,
         R_BE: &Matrix3<f64>,
-    ) -> Vector6<f64> {
-        match self.at(leg, R_BE) {
-            Some((_, e)) => stack(
-                &(linear(&error) - e * e.dot(&linear(&error))),
-                &angular(&error),
-            ),
-            None => error,
+    ) -> Option<Wish<'_>> {
+        match state.targets.presses {
+            true => self.of_target(&state.targets.held, R_BE),
+            false => self.at(state.progress.leg, R_BE),
         }
+    }
+
+    /// Whether an arm can press as a target asks: its joints hold the force, each with up to its `effort`, N·m, and there is something to press on that is not
+    /// too stiff for ticks of `dt` s.
+    pub(crate) fn can_press<const N: usize>(
+        &self,
+        target: &TargetContent,
+        terms: &Terms<N>,
+        effort: &SVector<f64, N>,
+        dt: f64,
+    ) -> bool {
+        self.of_target(target, &terms.X_BE.R).is_some_and(|wish| {
+            let row = pressing_row(terms, &wish.e);
+            let is_held = |(_, most)| (LEAST_N..=most).contains(&wish.newtons);
+            let is_soft =
+                |(_, mobility)| wish.terms.stiffness_n_m <= STIFFEST / (mobility * dt * dt);
+            strongest(terms, effort, &row).is_some_and(is_held)
+                && response(terms, &row).is_ok_and(is_soft)
+        })
     }
 
     /// A force that the arm cannot exert in this posture, in words: by a law that controls none, along an axis that its task does not serve, or stronger
@@ -253,7 +317,7 @@ impl Forces {
             ));
         }
         (0..self.0.len()).find_map(|leg| {
-            let (force, e) = self.at(leg, &terms.X_BE.R)?;
+            let Wish { terms: force, e, .. } = self.at(leg, &terms.X_BE.R)?;
             if (0..3).any(|i| !task[i] && e[i].abs() > UNSERVED) {
                 return Some(format!(
                     "segment {leg} presses along `{}`, and the arm's task does not serve all of that axis: press along another one",
@@ -261,14 +325,7 @@ impl Forces {
                 ));
             }
             let row = pressing_row(terms, &e);
-            // The largest f with |g_i + f·row_i| ≤ limit_i.
-            let most = |i: usize| {
-                let room = effort[i] - terms.gravity[i] * row[i].signum();
-                room / row[i].abs().max(1e-9)
-            };
-            let (joint, most) = (0..N)
-                .map(|i| (i, most(i)))
-                .min_by(|a, b| a.1.total_cmp(&b.1))?;
+            let (joint, most) = strongest(terms, effort, &row)?;
             let (_, mobility) = response(terms, &row).ok()?;
             let stiffest = STIFFEST / (mobility * dt * dt);
             if force.stiffness_n_m > stiffest {
@@ -290,6 +347,33 @@ impl Forces {
     }
 }
 
+impl Wish<'_> {
+    /// A pose error, or a twist, without what is along e.
+    pub(crate) fn across(&self, V: &Vector6<f64>) -> Vector6<f64> {
+        let v = linear(V);
+        stack(&(v - self.along(&v)), &angular(V))
+    }
+
+    /// The share of a vector that is along e.
+    pub(crate) fn along(&self, v: &Vector3<f64>) -> Vector3<f64> {
+        self.e * self.e.dot(v)
+    }
+}
+
+/// The joint that holds least along `row`, and the force that it holds: the largest f with |g_i + f·row_i| ≤ limit_i, N.
+fn strongest<const N: usize>(
+    terms: &Terms<N>,
+    effort: &SVector<f64, N>,
+    row: &SVector<f64, N>,
+) -> Option<(usize, f64)> {
+    let most = |i: usize| {
+        let room = effort[i] - terms.gravity[i] * row[i].signum();
+        room / row[i].abs().max(1e-9)
+    };
+    let joints = (0..N).map(|i| (i, most(i)));
+    joints.min_by(|a, b| a.1.total_cmp(&b.1))
+}
+
 /// J_eᵀ: the row of the velocity of E along e.
 fn pressing_row<const N: usize>(terms: &Terms<N>, e: &Vector3<f64>) -> SVector<f64, N> {
     terms.J.fixed_rows::<3>(0).tr_mul(e)
@@ -309,20 +393,17 @@ pub(crate) fn step<const N: usize>(
 ) -> Result<(), Refusal> {
     let wrist_n = now.wrist_n.copied().unwrap_or(state.force.wrist_n);
     let leg = state.progress.leg;
-    let Some((force, e)) = setup.forces.at(leg, &now.terms.X_BE.R) else {
-        state.force = Pressing {
-            wrist_n,
-            ..Pressing::default()
-        };
+    let Some(wish) = setup.forces.wish(state, &now.terms.X_BE.R) else {
+        state.force = Pressing::touching(wrist_n);
         return Ok(());
     };
     state.force.wrist_n = wrist_n;
-    let (row, has_sensor) = (
-        pressing_row(now.terms, &e),
-        setup.scenario.plant.wrist_sensor,
-    );
+    let e = wish.e;
+    let row = pressing_row(now.terms, &e);
+    let has_sensor = setup.scenario.plant.wrist_sensor;
     let felt = Felt {
-        force_n: if has_sensor {
+        // A reference arm touches nothing: the force is that of the arm that follows it.
+        force_n: if has_sensor || state.targets.presses {
             -e.dot(&wrist_n)
         } else {
             unexplained(now, &row)?
@@ -332,7 +413,7 @@ pub(crate) fn step<const N: usize>(
     };
     let dt = setup.scenario.dt_s();
     let tuning = Tuning::of(has_sensor, dt);
-    let v = (state.force).step(force, leg, &felt, &tuning, dt)?;
+    let v = (state.force).step(&wish, leg, &felt, &tuning, dt)?;
     let along = |x: f64| stack(&(e * x), &Vector3::zeros());
     let a = tuning.acceleration(v, &felt);
     let served;
@@ -384,6 +465,20 @@ fn response<const N: usize>(
     Ok((response, row.dot(&response).max(MOBILITY)))
 }
 
+/// The force on a steered hand by the disturbance torque of its arm, where no sensor measures it, base axes; N.
+///
+/// # Errors
+/// [`Refusal::Singular`] of a mass matrix that has no inverse.
+pub(crate) fn observed<const N: usize>(
+    wish: &Wish<'_>,
+    terms: &Terms<N>,
+    tau_disturbance: &SVector<f64, N>,
+) -> Result<Vector3<f64>, Refusal> {
+    let row = pressing_row(terms, &wish.e);
+    let (response, mobility) = response(terms, &row)?;
+    Ok(wish.e * (response.dot(tau_disturbance) / mobility))
+}
+
 /// The force along e that explains the disturbance torque, −J̄_eᵀτ; N.
 fn unexplained<const N: usize>(now: &Now<'_, N>, row: &SVector<f64, N>) -> Result<f64, Refusal> {
     let (response, mobility) = response(now.terms, row)?;
@@ -399,7 +494,7 @@ impl Pressing {
     /// The speed along e that the force asks for, that of the surface included; m/s.
     fn step(
         &mut self,
-        force: &Force,
+        wish: &Wish<'_>,
         leg: usize,
         felt: &Felt,
         tuning: &Tuning,
@@ -408,13 +503,14 @@ impl Pressing {
         if self.leg != leg + 1 {
             self.begin(leg, felt);
         }
+        let (force, newtons) = (wish.terms, wish.newtons);
         self.felt_n += (felt.force_n - self.felt_n) * dt / (tuning.felt_s + dt);
-        self.change(force, felt, dt);
+        self.change(wish, felt, dt);
         let is_touching = matches!(self.stage, Stage::Rising | Stage::Moving);
         if self.stage != Stage::Moving {
             self.waited_s += dt;
         }
-        let approach = tuning.approach(force);
+        let approach = tuning.approach(wish);
         let went_m = felt.place_m - self.from_m;
         let is_far = !is_touching && went_m > force.reach_m;
         if is_far || self.waited_s > PATIENCE_S.max(PATIENCE * force.reach_m / approach) {
@@ -428,8 +524,8 @@ impl Pressing {
         if !is_touching {
             return Ok(approach);
         }
-        let rise = force.newtons / force.ramp_s * dt;
-        self.set_n += (force.newtons - self.set_n).clamp(-rise, rise);
+        let rise = newtons / force.ramp_s * dt;
+        self.set_n += (newtons - self.set_n).clamp(-rise, rise);
         let apart = felt.force_n / force.stiffness_n_m - self.depth_m;
         let omega_o = tuning.omega_o;
         self.depth_m += (felt.speed - self.surface_speed + 2.0 * omega_o * apart) * dt;
@@ -450,8 +546,7 @@ impl Pressing {
         is_felt.then(|| -terms.J.fixed_rows::<3>(0).tr_mul(&self.wrist_n))
     }
 
-    /// The state of a hand on which the force `wrist_n` acts, base axes, N.
-    #[cfg(test)]
+    /// The state of a hand on which the force `wrist_n` acts, base axes, N, and that presses on nothing.
     pub(crate) fn touching(wrist_n: Vector3<f64>) -> Self {
         Self {
             wrist_n,
@@ -477,13 +572,12 @@ impl Pressing {
     }
 
     /// The stage after this tick.
-    fn change(&mut self, force: &Force, felt: &Felt, dt: f64) {
-        let touch = (TOUCH.0 * force.newtons)
-            .max(TOUCH.1)
-            .min(0.5 * force.newtons);
+    fn change(&mut self, wish: &Wish<'_>, felt: &Felt, dt: f64) {
+        let (force, newtons) = (wish.terms, wish.newtons);
+        let touch = (TOUCH.0 * newtons).max(TOUCH.1).min(0.5 * newtons);
         let is_reached = match force.until_newtons {
             Some(until) => self.felt_n >= until,
-            None => (self.felt_n - force.newtons).abs() <= REACHED.0 * force.newtons,
+            None => (self.felt_n - newtons).abs() <= REACHED.0 * newtons,
         };
         let (lasts, long_s, next) = match self.stage {
             Stage::Seeking => (self.felt_n > touch, 0.0, Stage::Rising),
@@ -500,7 +594,7 @@ impl Pressing {
             let meets = matches!(self.stage, Stage::Seeking | Stage::Lost);
             (self.stage, self.lasted_s) = (next, 0.0);
             if meets {
-                self.set_n = self.felt_n.min(force.newtons);
+                self.set_n = self.felt_n.min(newtons);
                 self.depth_m = felt.force_n / force.stiffness_n_m;
                 (self.integral, self.surface_speed) = (0.0, 0.0);
             } else if matches!(next, Stage::Seeking | Stage::Lost) {
@@ -553,6 +647,14 @@ mod tests {
         Forces::of(&scenario).0[0].clone().unwrap().0
     }
 
+    fn wish(terms: &Force) -> Wish<'_> {
+        Wish {
+            terms,
+            newtons: terms.newtons,
+            e: -Vector3::z(),
+        }
+    }
+
     /// A mass on a spring, soft to very stiff: it is met slowly, and the force comes about without a peak beyond twice its set-point.
     #[test]
     fn a_contact_is_met_slowly_and_its_force_is_reached() {
@@ -571,7 +673,7 @@ mod tests {
                 };
                 peak = peak.max(felt.force_n);
                 let tuning = Tuning::of(true, dt);
-                let wanted = pressing.step(&force, 0, &felt, &tuning, dt).unwrap();
+                let wanted = pressing.step(&wish(&force), 0, &felt, &tuning, dt).unwrap();
                 v += tuning.acceleration(wanted, &felt) * dt;
                 x += v * dt;
                 assert!(v <= 0.0201, "{v}");
@@ -620,7 +722,7 @@ mod tests {
                 place_m: 2e-5 * f64::from(ticks),
             };
             ticks += 1;
-            match pressing.step(&force, 0, &felt, &BY_SENSOR, 1e-3) {
+            match pressing.step(&wish(&force), 0, &felt, &BY_SENSOR, 1e-3) {
                 Ok(_) => assert!(ticks < 3000),
                 other => break other,
             }

@@ -64,7 +64,8 @@ pub(crate) fn apply<const N: usize>(
             .map_err(|_| Refusal::Singular)?;
     }
     let mut bias = now.terms.bias();
-    if let Some(bearing) = state.force.bearing(now.terms) {
+    // A reference arm touches nothing.
+    if let Some(bearing) = state.force.bearing(now.terms).filter(|_| is_path) {
         bias += bearing;
     }
     if control.compensate_disturbance {

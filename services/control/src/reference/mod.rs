@@ -79,7 +79,7 @@ pub(crate) fn motion<const N: usize>(
         ..on_path
     });
     if !forces.are_none() {
-        forces.free(state.progress.leg, &mut desired_E, now);
+        forces.free(state, &mut desired_E, now);
     }
     let turn_error = rotation_error(&desired_E.R, &now.terms.X_BE.R, free.as_ref());
     let mut desired = desired_E.at(now.p_EC);

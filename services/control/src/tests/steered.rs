@@ -2,13 +2,13 @@
 
 use crate::testing::{robot, undisturbed};
 use crate::types::Phase;
-use crate::{Analyzer, Controller, start_posture};
+use crate::{Analyzer, Controller, Inputs, start_posture};
 use model::Model;
 use nalgebra::{Rotation3, SVector, UnitQuaternion};
 use proptest::prelude::*;
 use shared_types::codes::{
     FRAME_HAND, REASON_FOLLOWING, REASON_LIMIT, REASON_OVER, REASON_REACH, REASON_STALE,
-    TARGET_END, TARGET_POSE, TARGET_POSTURE, TARGET_TWIST,
+    REFUSAL_CONTACT, TARGET_END, TARGET_POSE, TARGET_POSTURE, TARGET_REFUSAL_FORCE, TARGET_TWIST,
 };
 use shared_types::scenario::Scenario;
 use shared_types::{MAX_DOF, ServoState, TargetContent};
@@ -443,4 +443,74 @@ fn an_arm_that_is_not_where_it_should_be_is_not_said_to_follow() {
     let bent = [0.0, -0.5, 0.0, -2.2, 0.0, 1.8, 0.8];
     let (farthest, untrue) = poses_of_a_joint_path("panda", bent, bent.map(|q| q + 0.3), 0.4);
     assert!(farthest > 0.05 && untrue == 0, "{farthest} m, {untrue}");
+}
+
+/// A PUMA in wrist lock, 5 mm above a spring of 20 N/mm, under a target for so many s: the mean and the largest error of the force in the last second, N, how
+/// far the hand has gone, m, and the session's state.
+fn pressed(force: [f64; 3], seconds: f64) -> (f64, f64, nalgebra::Vector3<f64>, ServoState) {
+    let start = "q_deg = [10, -40, 25, 20, 0, 60]\n[servo]\nduration_s = 60.0\n[[plant.surface]]\npoint_m = [0, 0, 0]";
+    let text = format!("name = \"t\"\nrobot = \"puma560\"\n[start]\n{start}\n");
+    let scenario = Scenario::parse("t.toml", &text, &[]).unwrap();
+    let (robot, dt) = (robot("puma560"), scenario.dt_s());
+    let model = Model::<6>::new(robot, None).unwrap();
+    let mut q = start_posture::<6>(robot, &scenario).unwrap();
+    let mut qdot = SVector::<f64, 6>::zeros();
+    let mut analyzer = Analyzer::new(robot, &scenario.analysis);
+    let mut controller = Controller::new(model.clone(), robot, &scenario, q).unwrap();
+    let begun = model.forward_kinematics(&q).p;
+    let ticks = (seconds / dt) as u64;
+    let (mut sum, mut most, mut state) = (0.0, 0.0_f64, ServoState::default());
+    for tick in 0..ticks {
+        let terms = model.evaluate(&q, &qdot);
+        let depth = begun.z - 0.005 - terms.X_BE.p.z;
+        let wrist_n = nalgebra::Vector3::z() * (2e4 * depth.max(0.0));
+        let target = TargetContent {
+            kind: TARGET_TWIST,
+            given_tick: tick,
+            valid_s: 0.1,
+            twist: [0.02, 0.0, 0.0, 0.0, 0.0, 0.0],
+            force,
+            ..Default::default()
+        };
+        let command = controller.step(&Inputs {
+            tick,
+            q: &q,
+            qdot: &qdot,
+            tau_disturbance: &SVector::zeros(),
+            wrist_n: Some(&wrist_n),
+            report: &analyzer.step(&q, &qdot, &terms),
+            terms: Some(&terms),
+            target: Some(&target),
+        });
+        state = command.session.unwrap();
+        let contact = terms.J.fixed_rows::<3>(0).tr_mul(&wrist_n);
+        qdot += terms.qddot(&(command.tau + contact)) * dt;
+        q += qdot * dt;
+        if tick + 1000 >= ticks {
+            let error = (wrist_n.z - 10.0).abs();
+            (sum, most) = (sum + error, most.max(error));
+        }
+    }
+    let gone = model.forward_kinematics(&q).p - begun;
+    (sum / 1000.0, most, gone, state)
+}
+
+#[test]
+fn a_steered_hand_presses_as_its_target_asks_and_moves_across() {
+    let (mean, most, gone, state) = pressed([0.0, 0.0, -10.0], 5.0);
+    assert!(
+        mean < 0.1 && most < 0.5 && gone.x > 0.09,
+        "{mean} {most} {gone} {state:?}"
+    );
+    assert_eq!((state.refused, state.stops), (0, 0));
+}
+
+#[test]
+fn a_steered_hand_gives_a_force_up_that_meets_nothing_and_refuses_one_beyond_its_joints() {
+    let (_, _, gone, state) = pressed([0.0, 0.0, 10.0], 6.0);
+    assert_eq!((state.stops, state.stop), (1, REFUSAL_CONTACT));
+    assert!((0.04..0.06).contains(&gone.z) && gone.x > 0.05, "{gone}");
+    let (_, _, gone, state) = pressed([0.0, 0.0, -900.0], 1.0);
+    assert!(state.refused > 900 && state.refusal == TARGET_REFUSAL_FORCE);
+    assert!(gone.z.abs() < 1e-4, "{gone}");
 }

@@ -1,6 +1,7 @@
 //! Forces of the hand, by the simulator's true contact.
 
 use control::{Contact, GroundTruth, Progress};
+use nalgebra::Vector6;
 use shared_types::WristForce;
 use shared_types::bounds::{larger, within};
 use shared_types::scenario::Goal;
@@ -11,7 +12,10 @@ use super::tick::Tick;
 /// Multiple of the force asked for beyond which a contact is one that nobody asked for.
 const MOST: f64 = 2.0;
 
-/// Gathers the figures of the segments with a force.
+/// Share of a target's force within which it has come about, and for how long, s: the time before that is its approach.
+const REACHED: (f64, f64) = (0.1, 0.05);
+
+/// Gathers the figures of the segments, or of the targets, with a force.
 #[derive(Debug, Default)]
 pub(super) struct ForceMeter {
     summary: ForceSummary,
@@ -21,7 +25,7 @@ pub(super) struct ForceMeter {
     leg: Leg,
 }
 
-/// The present segment.
+/// The present segment, or the present force of targets.
 #[derive(Debug, Default)]
 struct Leg {
     index: usize,
@@ -30,20 +34,31 @@ struct Leg {
     before_n: f64,
     square_sum: f64,
     ticks: u64,
+    /// For how long the force has been what a target asks for, s.
+    reached_s: f64,
 }
 
 impl ForceMeter {
-    /// Takes in a tick at a place of the path; `dt_s`: length of a tick.
+    /// Takes in a tick at a place of the path, or of a steered run, with the error of its pose; `dt_s`: length of a tick.
     pub(super) fn tick(
         &mut self,
         tick: &Tick<'_>,
         truth: &dyn GroundTruth,
-        place: &Progress,
+        place: Option<&Progress>,
+        error: &Vector6<f64>,
         dt_s: f64,
     ) {
         let state = tick.truth;
-        let force = truth.force(place, state);
-        self.reach(place.leg, force.as_ref(), state.contacts > 0);
+        let target = tick.target.map(|message| &message.target);
+        let target = target.filter(|target| {
+            let age = state.header.tick.saturating_sub(target.given_tick);
+            age as f64 * dt_s <= target.valid_s
+        });
+        let force = truth.force(place, target, state, error);
+        let newtons = force.map_or(0.0, |force| force.newtons);
+        let is_next = usize::from(newtons != self.leg.asked_n);
+        let leg = place.map_or(self.leg.index + is_next, |place| place.leg);
+        self.reach(leg, force.as_ref(), state.contacts > 0);
         let Some(contact) = force else {
             return;
         };
@@ -53,7 +68,20 @@ impl ForceMeter {
         let is_of_now = |wrist: &WristForce| now > 0 && wrist.header.tick == now;
         self.has_sensor |= tick.wrist.is_some_and(is_of_now);
         // The path waits at the segment's beginning, within a tick of it, until the force has come about.
-        self.take(&contact, place.time_s >= dt_s, state.contacts > 0);
+        let is_reached = self.is_reached(&contact, dt_s);
+        let moves = place.map_or(is_reached, |place| place.time_s >= dt_s);
+        self.take(&contact, moves, state.contacts > 0);
+    }
+
+    /// Whether the force has come about since it was asked for.
+    fn is_reached(&mut self, contact: &Contact, dt_s: f64) -> bool {
+        let Leg { reached_s, .. } = &mut self.leg;
+        if *reached_s < REACHED.1 {
+            let off = (contact.pressed_n - contact.newtons).abs();
+            let is_near = off <= REACHED.0 * contact.newtons;
+            *reached_s = if is_near { *reached_s + dt_s } else { 0.0 };
+        }
+        *reached_s >= REACHED.1
     }
 
     /// The largest force of a contact that is asked for at this tick; N.
@@ -134,6 +162,9 @@ pub(super) fn unkept(force: &ForceSummary, goal: &Goal) -> Option<String> {
         return Some(format!("the hand lost its contact for {ticks} ticks"));
     }
     let (rms_n, newtons, bound) = (force.rms_n, force.newtons, goal.force_n);
+    if force.ticks == 0 {
+        return Some(format!("the force of {newtons} N did not come about"));
+    }
     (!within(rms_n, bound)).then(|| {
         format!("force of {newtons} N off by {rms_n:.3} N (root mean square), allowed {bound} N")
     })

@@ -98,18 +98,17 @@ impl TaskMeter {
         self.ticks += 1;
     }
 
-    /// Takes in whether the arm touches anything, at this place of its path; `dt_s`: length of a tick.
+    /// Takes in whether the arm touches anything, at this place of its path, with this error; `dt_s`: length of a tick.
     pub(super) fn touch(
         &mut self,
         tick: &Tick<'_>,
         truth: &dyn GroundTruth,
         place: Option<&Progress>,
+        error: &Vector6<f64>,
         dt_s: f64,
     ) {
         let state = tick.truth;
-        if let Some(place) = place {
-            self.force.tick(tick, truth, place, dt_s);
-        }
+        self.force.tick(tick, truth, place, error, dt_s);
         let force_n = Vector3::from(state.contact_force_n).norm();
         let (most_n, task) = (self.force.most_n(), &mut self.summary);
         // A NaN is no force that was asked for.

@@ -7,7 +7,7 @@ use shared_types::codes;
 use shared_types::scenario::Goal;
 use shared_types::summary::{BOUNDARY, MISSED, REACHED, Summary};
 use shared_types::topics::{ByTopic, Whole};
-use shared_types::{PlantState, SingularityReport, SingularityState};
+use shared_types::{PlantState, SingularityReport, SingularityState, TargetContent};
 
 use super::latency::Span;
 use super::{Judge, Limits, Tick, Wanted};
@@ -48,7 +48,13 @@ impl GroundTruth for Reported {
     fn desired(&self, _: &Progress, _: f64) -> Option<PoseMotion> {
         None
     }
-    fn force(&self, _: &Progress, _: &PlantState) -> Option<Contact> {
+    fn force(
+        &self,
+        _: Option<&Progress>,
+        _: Option<&TargetContent>,
+        _: &PlantState,
+        _: &Vector6<f64>,
+    ) -> Option<Contact> {
         None
     }
     fn asked(&self, _: usize) -> Asked {

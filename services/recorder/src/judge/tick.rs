@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use shared_types::topics::{ByTopic, Lent};
 use shared_types::{
-    ControlState, PlantState, SensorSample, ServoState, SingularityReport, TorqueCommand,
+    ControlState, PlantState, SensorSample, ServoState, SingularityReport, Target, TorqueCommand,
     WristForce,
 };
 
@@ -20,6 +20,8 @@ pub(crate) struct Tick<'a> {
     pub(super) control: &'a ControlState,
     /// From the controller.
     pub(super) torque: &'a TorqueCommand,
+    /// From the operator, in a steered run.
+    pub(super) target: Option<&'a Target>,
     /// From the controller, in a steered run.
     pub(super) servo: Option<&'a ServoState>,
     /// From the plant, where a force is controlled by it.
@@ -36,6 +38,7 @@ impl<'a> Tick<'a> {
             report: messages.singularity?,
             control: messages.control_state?,
             torque: messages.torque?,
+            target: messages.target,
             servo: messages.servo_state,
             wrist: messages.wrist_force,
         })

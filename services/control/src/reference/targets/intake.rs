@@ -36,6 +36,8 @@ pub fn check(target: &TargetContent, tick: u64, dof: usize) -> Result<(), u32> {
         position,
         quaternion,
         q,
+        force,
+        force_frame,
         kind,
         frame,
         side,
@@ -51,7 +53,8 @@ pub fn check(target: &TargetContent, tick: u64, dof: usize) -> Result<(), u32> {
     if *given_tick > tick || *valid_s < 0.0 {
         return Err(TARGET_REFUSAL_TIME);
     }
-    if *frame > FRAME_SINGULAR || *kind == TARGET_POSE && *frame != FRAME_BASE {
+    let is_pressed_in = [FRAME_BASE, FRAME_HAND].contains(force_frame);
+    if *frame > FRAME_SINGULAR || *kind == TARGET_POSE && *frame != FRAME_BASE || !is_pressed_in {
         return Err(TARGET_REFUSAL_FRAME);
     }
     if twist
@@ -59,6 +62,7 @@ pub fn check(target: &TargetContent, tick: u64, dof: usize) -> Result<(), u32> {
         .chain(position)
         .chain(quaternion)
         .chain(q)
+        .chain(force)
         .any(|x| x.abs() > LARGEST)
         || position.iter().any(|x| x.abs() > FARTHEST_M)
     {
@@ -209,7 +213,7 @@ mod tests {
     fn a_target_that_cannot_be_followed_is_refused_by_its_reason() {
         type Spoil = fn(&mut TargetContent);
         assert_eq!(check(&pose(), 0, 6), Ok(()));
-        let cases: [(Spoil, u32); 11] = [
+        let cases: [(Spoil, u32); 13] = [
             (
                 |target| target.position[0] = f64::NAN,
                 TARGET_REFUSAL_NUMBER,
@@ -227,6 +231,8 @@ mod tests {
                 |target| (target.kind, target.joints) = (TARGET_POSTURE, 5),
                 TARGET_REFUSAL_JOINTS,
             ),
+            (|target| target.force_frame = 2, TARGET_REFUSAL_FRAME),
+            (|target| target.force[2] = 1e4, TARGET_REFUSAL_RANGE),
             (|target| target.kind = 77, TARGET_REFUSAL_KIND),
             (|target| target.side = 3, TARGET_REFUSAL_KIND),
             (|target| target.quaternion[1] = 1.0, TARGET_REFUSAL_ROTATION),

@@ -59,5 +59,13 @@ pub(crate) fn goes_on(refusal: Refusal) -> bool {
             | Refusal::Room
             | Refusal::Unlisted
             | Refusal::Parted
+    ) || gives_up(refusal)
+}
+
+/// Whether this refusal ends the force that a target asks for.
+pub(crate) fn gives_up(refusal: Refusal) -> bool {
+    matches!(
+        refusal,
+        Refusal::Contact | Refusal::Bounce | Refusal::Pressing
     )
 }

@@ -83,9 +83,9 @@ impl<const N: usize> TargetState<N> {
         self.qdot * -DECAY
     }
 
-    /// Whether a motion is asked for: a twist, or a posture.
+    /// Whether a motion is asked for: a twist, a force, or a posture.
     fn asks(&self, asked: &Vector6<f64>) -> bool {
-        *asked != Vector6::zeros() || self.is_posture() && self.over.is_none()
+        *asked != Vector6::zeros() || self.presses || self.is_posture() && self.over.is_none()
     }
 
     /// Whether the hand stands still, and a joint at the end of its range is the reason.

@@ -52,7 +52,7 @@ pub struct Stops {
     pub why: Refusal,
 }
 
-/// The state of a steered run's reference; all of it but `fastest` and `resting`, which each tick makes anew, survives a restart.
+/// The state of a steered run's reference; all of it but `fastest`, `resting` and `presses`, which each tick makes anew, survives a restart.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TargetState<const N: usize> {
     /// The target in force.
@@ -93,6 +93,10 @@ pub struct TargetState<const N: usize> {
     pub resting: bool,
     /// The clock that the joint limits allow at this tick.
     pub fastest: Fastest,
+    /// The force of a target that the arm has given up, N; zero: none.
+    pub given_up: [f64; 3],
+    /// The hand presses as the target asks at this tick.
+    pub presses: bool,
 }
 
 /// A scenario with the session's duration in place of the text of its targets, which another process publishes, and without the rows of its tables,
@@ -136,6 +140,8 @@ impl<const N: usize> TargetState<N> {
             ended: None,
             resting: false,
             fastest: Fastest::default(),
+            given_up: [0.0; 3],
+            presses: false,
         }
     }
 
@@ -258,6 +264,7 @@ impl<const N: usize> TargetState<N> {
             ended_joint: self.ended.map_or(0, |ended| ended.joint.0 as u32 + 1),
             ended_upper: self.ended.map_or(0, |ended| u32::from(ended.joint.1)),
             reserved: 0,
+            given_up: self.given_up,
         }
     }
 
@@ -301,6 +308,8 @@ impl<const N: usize> TargetState<N> {
                 }),
             resting: false,
             fastest: Fastest::default(),
+            given_up: from.given_up,
+            presses: false,
         }
     }
 }

@@ -1,13 +1,14 @@
 //! One tick of a steered run: the target becomes the leg that the law sees, the law moves the reference arm, and the arm follows it.
 
-use super::goes_on;
 use super::intake::{self, Wish};
 use super::lead::Lead;
 use super::rest;
 use super::state::{Refused, Stops, TargetState};
+use super::{gives_up, goes_on};
 use crate::command;
 use crate::controller::{Controller, Setup};
 use crate::law::auxiliary::Loop;
+use crate::law::force::{self, Forces, Pressing};
 use crate::limits::Parts;
 use crate::limits::range::{self, Fastest};
 use crate::limits::torque::Limited;
@@ -18,10 +19,11 @@ use crate::state::State;
 use crate::tick::{self, Inputs};
 use crate::types::{Command, Phase, Refusal, Report};
 use model::{Pose, Terms};
-use nalgebra::{SVector, Vector3, Vector6};
+use nalgebra::{Matrix3, SVector, Vector3, Vector6};
 use shared_types::codes::{
     REASON_EFFORT, REASON_FAST, REASON_FOLLOWING, REASON_HELD, REASON_LIMIT, REASON_OVER,
     REASON_REACH, REASON_RESTING, REASON_SINGULARITY, REASON_STALE, REASON_STOPPED, TARGET_END,
+    TARGET_POSTURE, TARGET_REFUSAL_FORCE,
 };
 use shared_types::scenario::Servo;
 use shared_types::{ServoState, TargetContent};
@@ -81,11 +83,22 @@ impl<const N: usize> Controller<N> {
         };
         let dt = self.setup.scenario.dt_s();
         let ends = inputs.tick as f64 * dt >= session.duration_s;
-        (self.state.targets).take(inputs.target, targets.dof, inputs.tick, ends);
+        let (forces, effort) = (&self.setup.forces, self.setup.model.effort());
+        let check = |target: &TargetContent| {
+            intake::check(target, inputs.tick, targets.dof)?;
+            let is_pressed = target.force == [0.0; 3]
+                || target.kind != TARGET_POSTURE
+                    && forces.can_press(target, &reference, effort, dt);
+            is_pressed.then_some(()).ok_or(TARGET_REFUSAL_FORCE)
+        };
+        (self.state.targets).take(inputs.target, &check, inputs.tick, ends);
         let behind = reference.X_BE.p - terms.X_BE.p;
         let asked = self
             .state
             .intake(&self.setup, session, &reference, &listed, behind);
+        if !self.feel(inputs, terms) {
+            return self.refuse(inputs.q, inputs.qdot, Refusal::Singular);
+        }
         let at_reference = Inputs {
             q: &q_r,
             qdot: &qdot_r,
@@ -163,6 +176,23 @@ impl<const N: usize> Controller<N> {
         command
     }
 
+    /// Takes up the force on the hand, which the reference arm does not feel; false where it cannot be told from the torques.
+    fn feel(&mut self, inputs: &Inputs<'_, N>, terms: &Terms<N>) -> bool {
+        let State { force, targets, .. } = &mut self.state;
+        if targets.goes_by_joints() || targets.stops.now {
+            *force = Pressing::touching(force.wrist_n);
+        }
+        let wish = self.setup.forces.of_target(&targets.held, &terms.X_BE.R);
+        let felt = match (inputs.wrist_n, wish) {
+            (Some(wrist_n), _) => Ok(*wrist_n),
+            (None, Some(wish)) if targets.presses => {
+                force::observed(&wish, terms, inputs.tau_disturbance)
+            }
+            _ => Ok(Vector3::zeros()),
+        };
+        felt.map(|felt| force.wrist_n = felt).is_ok()
+    }
+
     /// Begins the reference arm anew at the arm, where the two have parted: an estimate was set aside, the arm was held or thrown.
     fn join(&mut self, inputs: &Inputs<'_, N>, X: &Pose) {
         let State {
@@ -196,6 +226,11 @@ impl<const N: usize> Controller<N> {
         let control = &self.setup.scenario.control;
         let feedback = (q_r - inputs.q) * control.k_p + (qdot_r - inputs.qdot) * control.k_v;
         let mut bias = terms.bias();
+        // Without a sensor the contact is part of the disturbance.
+        let bearing = (self.state.force.bearing(terms)).filter(|_| inputs.wrist_n.is_some());
+        if let Some(bearing) = bearing {
+            bias += bearing;
+        }
         if control.compensate_disturbance {
             bias = targets
                 .drives
@@ -221,6 +256,9 @@ impl<const N: usize> Controller<N> {
     fn proceed(&mut self, clock: f64, clipped: bool) {
         let targets = &mut self.state.targets;
         targets.clipped = clipped;
+        if gives_up(self.state.refusal) {
+            targets.given_up = targets.held.force;
+        }
         if self.state.refusal != Refusal::None {
             let X = self.setup.model.forward_kinematics(&targets.q);
             targets.stop(self.state.refusal, X);
@@ -249,11 +287,22 @@ impl<const N: usize> State<N> {
             (self.loops, self.qdot_planned) = (Default::default(), SVector::zeros());
         }
         let age_s = targets.tick.saturating_sub(targets.held.given_tick) as f64 * dt;
+        let press = targets.press(age_s, &setup.forces, &arm.R);
+        if let Some(press) = &press {
+            // Along its axis, the hand is where the force leads it.
+            targets.X.p += press.along(&(arm.p - targets.X.p));
+            (targets.V, targets.a) = (press.across(&targets.V), press.across(&targets.a));
+        }
         let lead = Lead::between(&targets.X, arm, report, &setup.task);
-        let wish = match targets.over {
+        let mut wish = match targets.over {
             Some(_) => Wish::rest(&targets.X),
             None => intake::wish(&targets.held, age_s, &targets.X, report, session),
         };
+        if let Some(press) = &press {
+            for V in [&mut wish.V, &mut wish.asked, &mut wish.off] {
+                *V = press.across(V);
+            }
+        }
         let V_arm = reference.J * targets.qdot;
         targets.decide_rest(&rest::Motion {
             asked: &wish.V,
@@ -376,19 +425,43 @@ impl<const N: usize> TargetState<N> {
         self.rest_at(X);
     }
 
+    /// The force of the target in force, which is `age_s` old, for a hand that is turned by `R_BE`; `None`: it has none, or none any more.
+    fn press<'a>(
+        &mut self,
+        age_s: f64,
+        forces: &'a Forces,
+        R_BE: &Matrix3<f64>,
+    ) -> Option<force::Wish<'a>> {
+        let held = &self.held;
+        let is_over = age_s > held.valid_s || self.over.is_some() || self.stops.now;
+        let wish = forces.of_target(held, R_BE);
+        let wish = wish.filter(|_| !is_over && held.force != self.given_up && !self.is_posture());
+        self.presses = wish.is_some();
+        wish
+    }
+
     /// Takes a target in, or refuses and counts it: once for each time at which one was given.
-    fn take(&mut self, target: Option<&TargetContent>, dof: usize, tick: u64, ends: bool) {
+    fn take(
+        &mut self,
+        target: Option<&TargetContent>,
+        check: &dyn Fn(&TargetContent) -> Result<(), u32>,
+        tick: u64,
+        ends: bool,
+    ) {
         self.tick = tick;
         if let Some(target) = target.filter(|target| **target != self.held) {
             // A checkpoint has room for all ticks but the last.
             let given = Some(target.given_tick.min(u64::MAX - 1));
-            match intake::check(target, tick, dof) {
+            match check(target) {
                 Ok(()) => {
                     if target.twist != self.held.twist || target.kind != self.held.kind {
                         self.behind_m = 0.0;
                     }
                     if target.kind != self.held.kind || target.side != self.held.side {
                         self.ended = None;
+                    }
+                    if target.force != self.held.force {
+                        self.given_up = [0.0; 3];
                     }
                     self.held = *target;
                 }
@@ -427,7 +500,7 @@ impl<const N: usize> TargetState<N> {
             (self.stops.now, REASON_STOPPED),
             (wish.stale, REASON_STALE),
             (
-                wish.asked == Vector6::zeros() && !is_posture,
+                wish.asked == Vector6::zeros() && !is_posture && !self.presses,
                 REASON_RESTING,
             ),
             (asked.behind.norm() > BEHIND_M.0, REASON_HELD),
