@@ -118,10 +118,10 @@ def _without_self_collision(spec, names):
 
 
 def _pressing(surfaces, p, v):
-    """Number of the scenario's surfaces that a point at `p` with velocity `v` touches, and the force on it, N: the same springs as in armplane's own plant
-    (sim/src/surface.rs), which touch the hand at one point."""
-    count, force = 0, np.zeros(3)
-    for one in surfaces:
+    """Which of the scenario's surfaces a point at `p` with velocity `v` touches, and the force on it, N: the same springs as in armplane's own plant
+    (sim/src/surface.rs)."""
+    touched, force = set(), np.zeros(3)
+    for i, one in enumerate(surfaces):
         way, radius = p - one["point_m"], one.get("radius_m")
         normal = way if radius else np.array(one["normal"], float)
         normal = normal / norm(normal)
@@ -131,8 +131,8 @@ def _pressing(surfaces, p, v):
             sliding = v + inwards * normal
             pressing = one["stiffness_n_m"] * depth * max(0, 1 + one["damping_s_m"] * inwards)
             force += pressing * (normal - sliding * one["friction"] / max(norm(sliding), _SLIDING))
-            count += 1
-    return count, force
+            touched.add(i)
+    return touched, force
 
 
 class World:
@@ -146,6 +146,9 @@ class World:
         self.where, self.said = os.path.basename(file) if file else self.robot, []
         options = scenario["plant"]
         self.surfaces = options.get("surface", [])
+        # The points of the hand that touch them, in its axes: E, or the rim of its face.
+        radius, turns = options["face_radius_m"], np.arange(8) * np.pi / 4
+        self.touching = radius * np.array([np.cos(turns), np.sin(turns), 0 * turns]).T if radius else np.zeros((1, 3))
         try:
             spec = _spec(arm_text, file)
             self._find(spec)
@@ -305,13 +308,18 @@ class World:
         self.arm.move_to(self.q, self.qdot)
 
     def pressed(self):
-        """Number of surfaces that the hand touches, and the force on it in base axes; N."""
-        return _pressing(self.surfaces, self.arm.position, self.arm.jacobian()[:3] @ self.qdot)
+        """Number of surfaces that the hand touches, and the wrench on it about E in base axes; N, N·m."""
+        touched, wrench, V = set(), np.zeros(6), self.arm.jacobian() @ self.qdot
+        for lever in self.touching @ self.arm.rotation.T:
+            surfaces, force = _pressing(self.surfaces, self.arm.position + lever, V[:3] + np.cross(V[3:], lever))
+            touched |= surfaces
+            wrench += np.concatenate([force, np.cross(lever, force)]) / len(self.touching)
+        return len(touched), wrench
 
     def _press(self, tau):
         """The tick's sub-steps, each under the force of the surfaces at its beginning."""
         for _ in range(self.substeps):
-            self.data.qfrc_applied[self.dofs] = tau + self.arm.jacobian()[:3].T @ self.pressed()[1]
+            self.data.qfrc_applied[self.dofs] = tau + self.arm.jacobian().T @ self.pressed()[1]
             mujoco.mj_step(self.model, self.data)
             self.arm.move_to(self.q, self.qdot)
 
@@ -344,7 +352,7 @@ class World:
                 force += (of_arm[1] - of_arm[0]) * (one[:3] @ d.contact[i].frame.reshape(3, 3))
                 count += 1
         touched, pressed = self.pressed()
-        return count + touched, self.base.T @ force + pressed
+        return count + touched, self.base.T @ force + pressed[:3]
 
     def __str__(self):
         m = self.model
@@ -383,15 +391,18 @@ class MujocoPlant(Plant):
         world, arm, drive, plant = self.world, self.world.arm, self.drive, self.job["scenario"]["plant"]
         n, q, qdot = arm.n, world.q, world.qdot
         # A function of seed and tick alone: after a death, the same readings come again.
-        noise = np.random.default_rng((self.job["scenario"]["seed"], tick)).standard_normal(n + 3)
+        noise = np.random.default_rng((self.job["scenario"]["seed"], tick)).standard_normal(n + 6)
         sensor.q_encoder[:n] = q if self.count is None else self.count * np.round(q / self.count + plant["encoder_noise_counts"] * noise[:n])
         sensor.tau_drive[:n] = truth.tau[:n] = drive.tau
         sensor.drive, sensor.stale_ticks = truth.drive, _ = drive.state, drive.stale_ticks
         truth.q[:n], truth.qdot[:n], truth.p_BE[:], truth.R_BE[:], truth.V_BE[:] = q, qdot, arm.position, arm.rotation.T.flatten(), arm.jacobian() @ qdot
         truth.energy_j = arm.data.energy.sum()
         truth.contacts, truth.contact_force_n[:] = world.touch()
+        wrench = world.pressed()[1]
+        truth.contact_torque_nm[:] = wrench[3:]
         if (wrist := self.topics.get("wrist_force")) is not None:
-            wrist.force_n[:] = world.pressed()[1] + plant["wrist_noise_n"] * noise[n:]
+            wrist.force_n[:] = wrench[:3] + plant["wrist_noise_n"] * noise[n : n + 3]
+            wrist.torque_nm[:] = wrench[3:] + plant["wrist_noise_nm"] * noise[n + 3 :]
         truth.limit_mask = world.limit_mask()
         truth.drive_flags, truth.saturation_mask, truth.refused = drive.flags, drive.saturation_mask, drive.refused
 

@@ -180,16 +180,14 @@ wire! {
     ForceCheckpoint {
         /// Set-point as far as it has risen; N.
         set_n: f64,
-        /// Integral of the force error as a speed; m/s.
-        integral: f64,
-        /// Estimated depth in the surface; m.
-        depth_m: f64,
         /// Measured force, low-passed; N.
         felt_n: f64,
-        /// The newest force of the wrist's sensor, base axes; N.
-        wrist_n: [f64; 3],
-        /// Speed of the surface along the force's direction; m/s.
-        surface_speed: f64,
+        /// The newest wrench of the wrist's sensor, base axes; N, N·m.
+        wrist: [f64; 6],
+        /// Along the force: estimated depth in the surface, m; the surface's speed; integral of the error as a speed; m/s.
+        along: [f64; 3],
+        /// The same about each axis of a moment; rad, rad/s.
+        about: [[f64; 3]; 3],
         /// Place along the force's direction from which a surface is looked for; m.
         from_m: f64,
         /// How long the segment has waited for its force; s.
@@ -200,6 +198,10 @@ wire! {
         leg: u32,
         /// 0: nothing was met yet; 1: in contact; 2: in contact, and the segment's motion has begun; 3: that contact is lost.
         stage: u32,
+        /// 1: the hand gives way about the axes of its moments.
+        turns: u32,
+        /// 1: a moment is not reached yet.
+        is_off: u32,
     }
 }
 
@@ -299,8 +301,8 @@ mod tests {
             ),
             (
                 "armplane.ControllerCheckpoint.v9",
-                3888,
-                0x5728_844f_bf87_5205,
+                3992,
+                0xdaea_7441_62eb_786f,
             ),
         ];
         assert_eq!(

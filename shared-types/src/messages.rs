@@ -24,7 +24,7 @@ wire! {
 
 wire! {
     /// The simulator's truth at a tick, for judging and showing only: no process of the control chain reads it.
-    PlantState on "plant_state" version 3 {
+    PlantState on "plant_state" version 4 {
         /// Tick, incarnation, stamps.
         header: Header,
         /// Joint positions; rad.
@@ -41,6 +41,8 @@ wire! {
         V_BE: [f64; 6],
         /// Sum of contact forces on the arm, base axes; N.
         contact_force_n: [f64; 3],
+        /// Moment of the surfaces on the hand about E, base axes; N·m.
+        contact_torque_nm: [f64; 3],
         /// Kinetic and potential energy; J.
         energy_j: f64,
         /// Number of contact points.
@@ -60,11 +62,13 @@ wire! {
 
 wire! {
     /// The force on the hand as the wrist's sensor measures it, the tool's own weight taken out: plant → controller. Only runs that control a force have it.
-    WristForce on "wrist_force" version 1 {
+    WristForce on "wrist_force" version 2 {
         /// Tick, incarnation, stamps.
         header: Header,
         /// Force of the surroundings on the hand, base axes, noise included; N.
         force_n: [f64; 3],
+        /// Their moment about E, base axes, noise included; N·m.
+        torque_nm: [f64; 3],
     }
 }
 
@@ -318,8 +322,8 @@ mod tests {
         // next version.
         let known = [
             ("armplane.SensorSample.v3", 288, 0x7b59_6d81_3efc_bd78),
-            ("armplane.PlantState.v3", 544, 0xb342_9417_b6bb_5ea6),
-            ("armplane.WristForce.v1", 176, 0x2718_8641_471c_ee33),
+            ("armplane.PlantState.v4", 568, 0xb388_8d72_7801_d3f1),
+            ("armplane.WristForce.v2", 200, 0xc27d_3de5_4482_2214),
             ("armplane.StateEstimate.v4", 416, 0x26d6_dbe8_667c_45e8),
             ("armplane.SingularityReport.v5", 1328, 0xa796_68c8_2480_372e),
             ("armplane.Target.v3", 384, 0xd05e_d08f_0498_db01),

@@ -37,7 +37,7 @@ use crate::topics::{PRESSING, STEERED};
 pub use analysis::{Analysis, BySingularity};
 pub use control::{Baseline, Control, Damping, HoldAndBlend, Strategy};
 pub use curve::{AXES, Arc, Axis, Frame, Points, Table};
-pub use force::{Force, Surface};
+pub use force::{Direction, Force, Moment, Surface};
 pub use mount::{Mount, Payload, Push, Tool};
 pub use plant::{Estimator, Plant, PlantModel};
 pub use result::{Goal, Layout, View};
@@ -254,6 +254,22 @@ impl Scenario {
         )?;
         let mut segments = self.segment.iter().enumerate();
         segments.try_for_each(|(i, segment)| segment.check(i))?;
+        let twists = |one: &Segment| one.force.as_ref().is_some_and(|it| !it.moments.is_empty());
+        if let Some(i) = self.segment.iter().position(twists) {
+            let key = format!("segment.{i}.force.moments");
+            require(
+                self.plant.face_radius_m > 0.0,
+                &key,
+                "a hand that touches with a point cannot be twisted by what it presses on",
+                "give the hand a face: plant.face_radius_m, such as 0.03",
+            )?;
+            require(
+                self.plant.wrist_sensor,
+                key,
+                "a moment is controlled by the sensor at the wrist, and there is none",
+                "plant.wrist_sensor = true",
+            )?;
+        }
         require(
             self.duration_s() <= 36_000.0,
             "segment",

@@ -166,9 +166,16 @@ pub struct ForceSummary {
     pub approach_ticks: u64,
     /// Largest position error across the force's direction, moving.
     pub tangential_max_mm: f64,
-    /// Largest share of the force, 0 to 1, that lay along a lost direction: the structure bears it,
-    /// and no motion controls it.
+    /// Largest share of the force's axis or of a moment's, 0 to 1, that lay along a lost direction: the
+    /// structure bears it, and no motion controls it.
     pub borne_max: f64,
+    /// Root mean square of the error of the moments together, moving, of the segment in which it is
+    /// largest; N·m. None: no moment is controlled.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub moment_rms_nm: Option<f64>,
+    /// Largest such error; N·m.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub moment_max_nm: Option<f64>,
 }
 
 /// Errors of the hand: desired against true pose. *Orthogonal* leaves out the singular directions

@@ -5,7 +5,7 @@ use crate::hybrid::{Hybrid, Touch};
 use crate::smooth::{Smooth, State};
 use crate::surface::Surfaces;
 use model::{ArmMotion, Model, Robot, joints, padded};
-use nalgebra::{SVector, Vector3};
+use nalgebra::{SVector, Vector6};
 use shared_types::checkpoints::PlantCheckpoint;
 use shared_types::scenario::{self, PlantModel};
 
@@ -71,7 +71,7 @@ impl<const N: usize> Plant<N> {
             false => SVector::zeros(),
         };
         let surfaces = Surfaces::new(options);
-        surfaces.check_start(&model.forward_kinematics(q_start).p)?;
+        surfaces.check_start(&model.forward_kinematics(q_start))?;
         let smooth = Smooth {
             model,
             viscous,
@@ -126,10 +126,10 @@ impl<const N: usize> Plant<N> {
             return Err(Diverged);
         }
         self.motion = self.smooth.motion(&state);
-        let (force, count) = self.smooth.pressed(&self.motion);
+        let (wrench, count) = self.smooth.pressed(&self.motion);
         (self.state, self.touch) = (state, touch);
         if count > 0 {
-            self.touch.force += force;
+            self.touch.force += wrench.fixed_rows::<3>(0);
             self.touch.contacts += count;
         }
         Ok(())
@@ -188,8 +188,8 @@ impl<const N: usize> Plant<N> {
         &self.touch
     }
 
-    /// Force of the surfaces on the hand in this state, base axes; N.
-    pub fn pressed(&self) -> Vector3<f64> {
+    /// Wrench of the surfaces on the hand in this state, about E, base axes; N, N·m.
+    pub fn pressed(&self) -> Vector6<f64> {
         self.smooth.pressed(&self.motion).0
     }
 

@@ -2,7 +2,7 @@
 
 use crate::surface::Surfaces;
 use model::{ArmMotion, Model};
-use nalgebra::{SVector, Vector3};
+use nalgebra::{SVector, Vector6};
 
 /// Where the joints are and how they move.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -61,10 +61,9 @@ impl<const N: usize> Smooth<N> {
         }
     }
 
-    /// Force of the surfaces on the hand that moves so, base axes, N, and their number.
-    pub(crate) fn pressed(&self, motion: &ArmMotion<N>) -> (Vector3<f64>, u32) {
-        let v = motion.V_BE.fixed_rows::<3>(0).into_owned();
-        self.surfaces.force(&motion.X_BE.p, &v)
+    /// Wrench of the surfaces on the hand that moves so, about E, base axes, N and N·m, and their number.
+    pub(crate) fn pressed(&self, motion: &ArmMotion<N>) -> (Vector6<f64>, u32) {
+        self.surfaces.wrench(&motion.X_BE, &motion.V_BE)
     }
 
     /// Everything about the arm in the state `x`.
@@ -91,8 +90,7 @@ impl<const N: usize> Smooth<N> {
         tau: &SVector<f64, N>,
         t: f64,
     ) -> State<N> {
-        let moves = 2.0 * t * now.V_BE.fixed_rows::<3>(0).norm();
-        if self.surfaces.are_near(&now.X_BE.p, moves) {
+        if self.surfaces.are_near(&now.X_BE, &now.V_BE, t) {
             let steps = (t / CONTACT_S).ceil();
             return (0..steps as u32).fold(*x, |x, _| self.rk4(&x, tau, t / steps));
         }

@@ -408,6 +408,8 @@ signals! {
     ContactForce "world:contact_force_vector" "N" Table, XYZ, plant_state |t, m| m.contact_force_n;
     /// Force of the surroundings on the hand as the wrist's sensor measures it; base axes
     Felt "force:measured" "N" Table, XYZ, wrist_force |t, m| m.force_n;
+    /// Their moment about the end-effector; base axes
+    Twisted "force:moment" "N·m" Table, XYZ, wrist_force |t, m| m.torque_nm;
     /// Force of the segment along its axis: set-point, and true contact
     Pressed "force:along_axis" "N" Table, PRESSED, |t| t.pressed();
     /// 1 inside the neighbourhood of the singularity, else 0

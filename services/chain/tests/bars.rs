@@ -140,13 +140,20 @@ fn scenarios_keep_the_bars_of_the_specification() {
 #[test]
 fn a_hand_wipes_with_the_force_asked_for_through_the_wrists_lock() {
     const TILTED: &str = "plant.surface.0.normal=[-0.0872, 0.0, 1.0]";
-    let cases: [(&[&str], f64); 6] = [
+    // A face, flat on a table that is tilted unsaid, then with its rim pressed on.
+    const FACE: &str = "plant.face_radius_m=0.03";
+    const FLAT: &str = "segment.0.force.moments=[{axis=\"tool x\"}, {axis=\"tool y\"}]";
+    const ON_RIM: &str =
+        "segment.0.force.moments=[{axis=\"tool x\", newton_metres=0.1}, {axis=\"tool y\"}]";
+    let cases: [(&[&str], f64); 8] = [
         (&[], 0.5),
         (&["plant.surface.0.stiffness_n_m=16000.0"], 1.0),
         (&["plant.surface.0.stiffness_n_m=24000.0"], 1.0),
         (&[TILTED], 1.0),
         (&["plant.mass_factor=1.1"], 1.0),
         (&["plant.surface.0.friction=0.0"], 0.5),
+        (&[TILTED, FACE, FLAT], 1.0),
+        (&[FACE, ON_RIM], 0.5),
     ];
     let robot = Robot::builtin("puma560").unwrap();
     for (settings, bar) in cases {
@@ -163,5 +170,11 @@ fn a_hand_wipes_with_the_force_asked_for_through_the_wrists_lock() {
             "{force:?}"
         );
         assert_eq!(force.source, "wrist sensor");
+        let is_twisted = settings.iter().any(|one| one.contains("moments"));
+        assert!(force.moment_rms_nm.is_some() == is_twisted);
+        assert!(
+            force.moment_rms_nm.is_none_or(|rms| rms < 0.05),
+            "{force:?}"
+        );
     }
 }

@@ -83,8 +83,10 @@ pub struct Contact {
     pub pressed_n: f64,
     /// The error of position across that direction, mm.
     pub across_mm: f64,
-    /// The share of the direction, 0 to 1, that lies along lost ones: the structure bears it.
+    /// The share of its direction, or of a moment's axis, 0 to 1, that lies along lost ones: the structure bears it.
     pub borne: f64,
+    /// The error of the moments together, N·m; `None`: none is asked for.
+    pub moment_off_nm: Option<f64>,
 }
 
 /// A leg's demand on the posture, and how the posture meets it.
@@ -215,12 +217,18 @@ impl<const N: usize> GroundTruth for Truth<N> {
             Some(place) => self.forces.at(place.leg, &R),
             None => self.forces.of_target(target?, &R),
         }?;
-        let whole = linear::stack(&wish.e, &Vector3::zeros());
+        let borne = |axis: &Vector6<f64>| (axis - self.orthogonal(axis)).norm();
+        let F = linear::stack(
+            &truth.contact_force_n.into(),
+            &truth.contact_torque_nm.into(),
+        );
+        let twisted = Vector3::from(wish.off_nm(&F)).norm();
         Some(Contact {
+            moment_off_nm: wish.twists().then_some(twisted),
             newtons: wish.newtons,
             pressed_n: -wish.e.dot(&Vector3::from(truth.contact_force_n)),
             across_mm: 1e3 * linear::linear(&wish.across(error)).norm(),
-            borne: (whole - self.orthogonal(&whole)).norm(),
+            borne: wish.axes().iter().map(borne).fold(0.0, f64::max),
         })
     }
 

@@ -31,8 +31,8 @@ pub struct Inputs<'a, const N: usize> {
     pub qdot: &'a SVector<f64, N>,
     /// Torque on the joints that the model does not explain, N·m; compensated where the scenario asks for it.
     pub tau_disturbance: &'a SVector<f64, N>,
-    /// Force of the surroundings on the hand by a sensor at its wrist, base axes, N; `None`: there is none.
-    pub wrist_n: Option<&'a Vector3<f64>>,
+    /// Wrench of the surroundings on the hand about E by a sensor at its wrist, base axes, N, N·m; `None`: there is none.
+    pub wrist: Option<&'a Vector6<f64>>,
     /// The analysis of this very state.
     pub report: &'a Report<N>,
     /// The model's terms of this very state at the scenario's frame, where they have been computed already.
@@ -47,8 +47,8 @@ pub(crate) struct Now<'a, const N: usize> {
     pub(crate) q: &'a SVector<f64, N>,
     pub(crate) qdot: &'a SVector<f64, N>,
     pub(crate) tau_disturbance: &'a SVector<f64, N>,
-    /// Force of the surroundings on the hand, base axes, N; `None`: it is not measured.
-    pub(crate) wrist_n: Option<&'a Vector3<f64>>,
+    /// Wrench of the surroundings on the hand about E, base axes, N, N·m; `None`: it is not measured.
+    pub(crate) wrist: Option<&'a Vector6<f64>>,
     pub(crate) report: &'a Report<N>,
     pub(crate) terms: &'a Terms<N>,
     /// Kinematics at C.
@@ -124,7 +124,7 @@ impl<const N: usize> Controller<N> {
             q,
             qdot,
             tau_disturbance,
-            wrist_n,
+            wrist,
             ..
         } = *inputs;
         let is_steered = self.targets.is_some();
@@ -133,7 +133,7 @@ impl<const N: usize> Controller<N> {
         {
             return self.brake(q, qdot, tau_disturbance, self.state.refusal);
         }
-        let is_felt = wrist_n.is_none_or(|force| force.iter().all(|x| x.is_finite()));
+        let is_felt = wrist.is_none_or(|wrench| wrench.iter().all(|x| x.is_finite()));
         if ![q, qdot, tau_disturbance].into_iter().all(is_finite) || !is_felt {
             return self.refuse(q, qdot, Refusal::State);
         }
@@ -249,7 +249,7 @@ pub(crate) fn act<const N: usize>(
         q,
         qdot,
         tau_disturbance,
-        wrist_n,
+        wrist,
         report,
         ..
     } = *inputs;
@@ -265,7 +265,7 @@ pub(crate) fn act<const N: usize>(
         q,
         qdot,
         tau_disturbance,
-        wrist_n,
+        wrist,
         report,
         terms,
         at: &AtCentre::new(terms, &report.p_BC, &terms.omega[N - 1]),

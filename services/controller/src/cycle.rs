@@ -1,8 +1,8 @@
 //! The controller's pure step: torque from the estimated state and its singularity report.
 
 use control::{Controller, Refusal, SetupError, start_posture, wire};
-use model::{LastTerms, Model, Robot, embedded};
-use nalgebra::{SVector, Vector3};
+use model::{LastTerms, Model, Robot, embedded, stack};
+use nalgebra::SVector;
 use process::{Damaged, Flow, Inputs, Outputs, Port, Process, Snapshot};
 use shared_types::scenario::Scenario;
 use shared_types::{
@@ -63,7 +63,7 @@ impl<const N: usize> Cycle<N> {
             target,
             wrist,
         } = *read;
-        let wrist_n = wrist.map(|wrist| Vector3::from(wrist.force_n));
+        let wrist = wrist.map(|wrist| stack(&wrist.force_n.into(), &wrist.torque_nm.into()));
         let (tick, [q, qdot, tau_disturbance]) = (estimate.header.tick, self.own(estimate));
         let is_state = [&q, &qdot]
             .iter()
@@ -75,7 +75,7 @@ impl<const N: usize> Cycle<N> {
                 q: &q,
                 qdot: &qdot,
                 tau_disturbance: &tau_disturbance,
-                wrist_n: wrist_n.as_ref(),
+                wrist: wrist.as_ref(),
                 report: &report,
                 terms,
                 target: target.map(|target| &target.target),

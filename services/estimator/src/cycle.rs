@@ -1,8 +1,8 @@
 //! The estimator's pure step: encoder samples to positions, velocities and unexplained torque.
 
 use crate::disturbance::{Disturbance, Unexplained};
-use model::{LastTerms, Model, ModelError, Robot, Terms, joints, padded};
-use nalgebra::{SVector, Vector3};
+use model::{LastTerms, Model, ModelError, Robot, Terms, joints, padded, stack};
+use nalgebra::SVector;
 use process::{Damaged, Flow, Inputs, Outputs, Port, Process, Scratch, Snapshot};
 use shared_types::codes::DRIVE_BRAKED;
 use shared_types::scenario::Scenario;
@@ -207,10 +207,8 @@ fn driving<const N: usize>(
 ) -> SVector<f64, N> {
     let tau = joints(&sample.tau_drive);
     wrist.map_or(tau, |wrist| {
-        tau + terms
-            .J
-            .fixed_rows::<3>(0)
-            .tr_mul(&Vector3::from(wrist.force_n))
+        let F = stack(&wrist.force_n.into(), &wrist.torque_nm.into());
+        tau + terms.J.tr_mul(&F)
     })
 }
 

@@ -2,7 +2,7 @@
 
 use bytemuck::{bytes_of, pod_read_unaligned};
 use model::{ArmMotion, Model, ModelError, PostureError, Robot, embedded, joints, padded, stack};
-use nalgebra::{SVector, Vector3};
+use nalgebra::SVector;
 use process::{CUT_TICKS, Damaged, Flow, Inputs, Outputs, Port, Process, Snapshot};
 use shared_types::checkpoints::PlantCheckpoint;
 use shared_types::codes::DRIVE_DIVERGED;
@@ -11,6 +11,7 @@ use shared_types::scenario::{Push, Scenario};
 use shared_types::task_end::TaskEnd;
 use shared_types::{Header, Layout, PlantState, SensorSample, TorqueCommand, WristForce};
 use sim::{Drive, Encoders, Plant, PlantError, gaussians};
+use std::array;
 
 use crate::hardware_faults::HardwareFaults;
 
@@ -31,8 +32,8 @@ pub enum SetupError {
 /// The part of the plant that never changes: its encoders, and the size of its arm.
 pub struct Cycle<const N: usize> {
     encoders: Encoders<N>,
-    /// Standard deviation of the wrist sensor's noise, N, and its seed.
-    wrist_noise_n: f64,
+    /// Standard deviations of the wrist sensor's noise, N, N·m, and its seed.
+    wrist_noise: [f64; 2],
     wrist_seed: u64,
     /// Number of the arm's joints; further entries of a command are ignored.
     dof: usize,
@@ -80,7 +81,7 @@ impl<const N: usize> Cycle<N> {
                 options.encoder_noise_counts,
                 scenario.seed,
             ),
-            wrist_noise_n: options.wrist_noise_n,
+            wrist_noise: [options.wrist_noise_n, options.wrist_noise_nm],
             // Not the encoders' numbers.
             wrist_seed: !scenario.seed,
             dof: robot.dof(),
@@ -143,6 +144,7 @@ impl<const N: usize> Cycle<N> {
             R_BE,
             V_BE: V_BE.into(),
             contact_force_n: touch.force.into(),
+            contact_torque_nm: plant.pressed().fixed_rows::<3>(3).into(),
             energy_j: energy,
             contacts: touch.contacts,
             limit_mask: touch.limits,
@@ -153,15 +155,18 @@ impl<const N: usize> Cycle<N> {
         };
     }
 
-    /// The wrist's sensor at `tick`: the force on the hand, with noise that is a function of the seed and the tick.
+    /// The wrist's sensor at `tick`: the wrench on the hand, with noise that is a function of the seed and the tick.
     fn feel(&self, world: &World<N>, tick: u64) -> WristForce {
-        let noise = Vector3::from(gaussians::<3>(self.wrist_seed, tick)) * self.wrist_noise_n;
+        let [noise_n, noise_nm] = self.wrist_noise;
+        let noise: [f64; 6] = gaussians(self.wrist_seed, tick);
+        let felt = world.plant.pressed();
         WristForce {
             header: Header {
                 tick,
                 ..Header::default()
             },
-            force_n: (world.plant.pressed() + noise).into(),
+            force_n: array::from_fn(|i| felt[i] + noise[i] * noise_n),
+            torque_nm: array::from_fn(|i| felt[3 + i] + noise[3 + i] * noise_nm),
         }
     }
 

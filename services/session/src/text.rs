@@ -215,7 +215,15 @@ fn pressed(f: &mut fmt::Formatter<'_>, force: &ForceSummary) -> fmt::Result {
         digits(force.error_max_n),
         digits(force.impact_max_n),
         count(force.lift_off_ticks, "tick")
-    )
+    )?;
+    if let (Some(rms), Some(most)) = (force.moment_rms_nm, force.moment_max_nm) {
+        let (rms, most) = (digits(rms), digits(most));
+        writeln!(
+            f,
+            "moments    off by {rms} N·m in the root mean square, {most} at most"
+        )?;
+    }
+    Ok(())
 }
 
 /// The longest of the stated reasons first.

@@ -34,6 +34,40 @@ pub struct Force {
     /// How far a surface is looked for; m. Beyond it the controller refuses to go on.
     #[serde(default = "reach_m")]
     pub reach_m: f64,
+    /// Moments that the hand keeps about axes at right angles to each other, from its first contact on;
+    /// in all other rotations it follows the path. They need a `plant.face_radius_m`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub moments: Vec<Moment>,
+}
+
+/// A moment with which the hand twists what it presses on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Moment {
+    /// Its axis, given as that of the force.
+    pub axis: String,
+    /// Set-point; N·m. With 0 the hand lies flat.
+    #[serde(default)]
+    pub newton_metres: f64,
+}
+
+/// A direction: a unit vector, and whether it is in the hand's axes.
+pub type Direction = ([f64; 3], bool);
+
+fn direction(axis: &str) -> Option<Direction> {
+    match Axis::parse(axis)? {
+        Axis::Base(axis) => Some((axis, false)),
+        Axis::Tool(axis) => Some((axis, true)),
+        Axis::Zeta(..) => None,
+    }
+}
+
+impl Moment {
+    /// Its axis; `None` where the text is none.
+    #[must_use]
+    pub fn direction(&self) -> Option<Direction> {
+        direction(&self.axis)
+    }
 }
 
 fn ramp_s() -> f64 {
@@ -58,26 +92,18 @@ impl Force {
             ramp_s: ramp_s(),
             approach_m_s: approach_m_s(),
             reach_m: reach_m(),
+            moments: Vec::new(),
         }
     }
 
-    /// The direction in which the hand presses: a unit vector, and whether it is in the hand's axes. `None` where the text is none.
+    /// The direction in which the hand presses; `None` where the text is none.
     #[must_use]
-    pub fn direction(&self) -> Option<([f64; 3], bool)> {
-        match Axis::parse(&self.axis)? {
-            Axis::Base(axis) => Some((axis, false)),
-            Axis::Tool(axis) => Some((axis, true)),
-            Axis::Zeta(..) => None,
-        }
+    pub fn direction(&self) -> Option<Direction> {
+        direction(&self.axis)
     }
 
     pub(super) fn check(&self) -> Result<(), Complaint> {
-        require(
-            self.direction().is_some(),
-            "force.axis",
-            format!("`{}` is not a direction of a force", self.axis),
-            "x, -y, three numbers such as `0 0 -1`, or the same after `tool `",
-        )?;
+        check_axis("force.axis", &self.axis)?;
         let newtons = self.newtons;
         for (key, value, range) in [
             ("newtons", newtons, 0.1..=1e4),
@@ -93,11 +119,38 @@ impl Force {
         ] {
             key_within("force.", key, value, range)?;
         }
-        Ok(())
+        let mut moments = self.moments.iter().enumerate();
+        moments.try_for_each(|(i, moment)| {
+            let key = format!("force.moments.{i}");
+            check_axis(&format!("{key}.axis"), &moment.axis)?;
+            key_within(&format!("{key}."), "newton_metres", moment.newton_metres, -1e3..=1e3)?;
+            let crosses = |other: &Moment| match (moment.direction(), other.direction()) {
+                (Some((a, true)), Some((b, true))) | (Some((a, false)), Some((b, false))) => {
+                    (0..3).map(|k| a[k] * b[k]).sum::<f64>().abs() < 1e-6
+                }
+                _ => false,
+            };
+            require(
+                self.moments[..i].iter().all(crosses),
+                key,
+                "the axes of the moments are not at right angles, or not all in base axes or all in the hand's",
+                "axes such as `tool x` and `tool y`",
+            )
+        })
     }
 }
 
-/// A surface of a spring with a damper: the hand touches it with one point, that at which it is seen.
+fn check_axis(key: &str, axis: &str) -> Result<(), Complaint> {
+    require(
+        direction(axis).is_some(),
+        key,
+        format!("`{axis}` is not a direction of a force or a moment"),
+        "x, -y, three numbers such as `0 0 -1`, or the same after `tool `",
+    )
+}
+
+/// A surface of a spring with a damper: the hand touches it with one point, that at which it is seen,
+/// or with the rim of its face.
 ///
 /// At depth δ it presses back with k·δ·(1 + c·δ̇) (Hunt & Crossley 1975), never less than 0, and rubs
 /// with μ times that.
@@ -112,7 +165,7 @@ pub struct Surface {
     /// Radius of a sphere; m. Without one it is a plane.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub radius_m: Option<f64>,
-    /// Stiffness k; N/m.
+    /// Stiffness k, of a face that lies on it whole; N/m.
     #[serde(default = "stiffness_n_m")]
     pub stiffness_n_m: f64,
     /// Damping c per depth: the force grows by this share for each m/s of δ̇; s/m.

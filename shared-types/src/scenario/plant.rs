@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::force::Surface;
 use super::mount::{Payload, Push};
-use crate::file::{Complaint, positive, require, within};
+use crate::file::{Complaint, key_within, positive, require, within};
 
 /// The simulated arm and its surroundings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -43,7 +43,12 @@ pub struct Plant {
     pub wrist_sensor: bool,
     /// Standard deviation of that sensor's noise, per axis; N.
     pub wrist_noise_n: f64,
-    /// Surfaces that the hand can touch with the point that it is seen at.
+    /// The same of its moments; N·m.
+    pub wrist_noise_nm: f64,
+    /// Radius of the hand's flat face, which is at right angles to its z axis, around the point that it is
+    /// seen at; m. 0: the hand touches surfaces with that point.
+    pub face_radius_m: f64,
+    /// Surfaces that the hand can touch.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub surface: Vec<Surface>,
 }
@@ -109,6 +114,8 @@ impl Default for Plant {
             hold_ticks: 3,
             wrist_sensor: true,
             wrist_noise_n: 0.1,
+            wrist_noise_nm: 0.002,
+            face_radius_m: 0.0,
             surface: Vec::new(),
         }
     }
@@ -168,13 +175,13 @@ impl Plant {
             "the floor's height is not a number",
             "metres in the base frame",
         )?;
-        let message = format!("noise of {} N", self.wrist_noise_n);
-        within(
-            "plant.wrist_noise_n",
-            self.wrist_noise_n,
-            0.0..=1e3,
-            message,
-        )?;
+        for (key, value, range) in [
+            ("wrist_noise_n", self.wrist_noise_n, 0.0..=1e3),
+            ("wrist_noise_nm", self.wrist_noise_nm, 0.0..=1e3),
+            ("face_radius_m", self.face_radius_m, 0.0..=1.0),
+        ] {
+            key_within("plant.", key, value, range)?;
+        }
         let mut surfaces = self.surface.iter().enumerate();
         surfaces.try_for_each(|(i, surface)| {
             let located = |complaint: Complaint| complaint.within(&format!("plant.surface.{i}"));

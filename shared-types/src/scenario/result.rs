@@ -18,6 +18,8 @@ pub struct Goal {
     pub orthogonal_deg: f64,
     /// Root mean square of the error of a force, where segments ask for one; N.
     pub force_n: f64,
+    /// The same of moments; N·m.
+    pub moment_nm: f64,
     /// Distance by which the planner may leave the path to pass a singularity; mm.
     pub path_mm: f64,
     /// Angle by which the planner may leave the path to pass a singularity; degrees.
@@ -32,6 +34,7 @@ impl Default for Goal {
             orthogonal_mm: 1.0,
             orthogonal_deg: 0.5,
             force_n: 1.0,
+            moment_nm: 0.1,
             path_mm: 1.0,
             path_deg: 0.5,
         }
@@ -79,6 +82,7 @@ impl Goal {
             ("orthogonal_mm", self.orthogonal_mm),
             ("orthogonal_deg", self.orthogonal_deg),
             ("force_n", self.force_n),
+            ("moment_nm", self.moment_nm),
             ("path_mm", self.path_mm),
             ("path_deg", self.path_deg),
         ];

@@ -37,12 +37,7 @@ pub struct Servo {
     /// Largest angular acceleration of the end-effector; rad/s².
     pub acceleration_rad_s2: f64,
     /// About the stiffness of the surfaces that targets press on, within a factor of 2; N/m.
-    #[serde(skip_serializing_if = "is_usual")]
     pub stiffness_n_m: f64,
-}
-
-fn is_usual(value: &f64) -> bool {
-    *value == stiffness_n_m()
 }
 
 fn is_false(value: &bool) -> bool {

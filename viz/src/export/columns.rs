@@ -27,6 +27,8 @@ impl Columns {
         let is_missing = |name: &str| {
             name.starts_with("servo:") && scenario.servo.is_none()
                 || name == "force:measured" && !scenario.has_wrist_sensor()
+                || name == "force:moment"
+                    && (!scenario.has_wrist_sensor() || scenario.plant.face_radius_m == 0.0)
                 || name == "force:along_axis" && !scenario.presses()
         };
         let units: Vec<_> = facts.joint_units.split(' ').collect();

@@ -1,4 +1,4 @@
-//! Forces of the hand: along one direction the force is controlled, in all others the motion (+).
+//! Forces of the hand: along one direction the force is controlled, about some axes the moment, in all other directions the motion (+).
 //!
 //! Along the unit vector e the hand presses with the measured force f = −eᵀF; f_s is the set-point, which rises within a ramp, k the surface's stiffness.
 //!
@@ -16,13 +16,17 @@
 //! has the hand ([`singular_rows`](super::singular_rows)), and until it is there, or where no posture leads there, the part of e that is left serves the
 //! force alone, and the hand leaves its path (test `in_a_lock_what_is_left_of_the_axis_serves_the_force`). What lies along ζ itself the structure bears.
 //!
+//! A moment about an axis is controlled alike from the first contact on, with ω_e, m and k·r²/2 in the places of ẋ_e, f and k, r the radius of the hand's
+//! face; it turns the hand about E, which stays on its path. Set-points of moments rise with the force.
+//!
 //! The estimator knows F too, so the disturbance torque that is compensated is friction and a wrong mass alone. Without a sensor at the wrist that torque
 //! contains the contact, and its compensation bears it.
 
 use crate::centre::PoseMotion;
 use crate::controller::Setup;
-use crate::linear::{angular, linear, smoothstep, stack};
+use crate::linear::{angular, linear, rotation_exp, smoothstep, stack};
 use crate::paper::operational_space::Cholesky;
+use crate::reference::free_axis::rotation_error;
 use crate::reference::path::{Path, Progress};
 use crate::state::State;
 use crate::tick::{Motion, Now};
@@ -32,7 +36,8 @@ use nalgebra::{Matrix3, SVector, Vector3, Vector6};
 use shared_types::TargetContent;
 use shared_types::checkpoints::ForceCheckpoint;
 use shared_types::codes::FRAME_HAND;
-use shared_types::scenario::{Force, Scenario, Strategy};
+use shared_types::scenario::{Direction, Force, Scenario, Strategy};
+use std::array;
 
 /// With a sensor.
 const BY_SENSOR: Tuning = Tuning {
@@ -48,6 +53,8 @@ const BY_OBSERVER: Tuning = Tuning {
 };
 /// Least force that a target asks for, N: as of a segment.
 const LEAST_N: f64 = 0.1;
+/// Share of the approach's speed with which the rim of a face may move while the hand turns.
+const TURNING: f64 = 0.3;
 /// ω_i, 1/s.
 const INTEGRAL: f64 = 5.0;
 /// Share of the force from which on there is a contact, and the least such force, N.
@@ -74,8 +81,18 @@ const MOBILITY: f64 = 1e-6;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Forces(Vec<Option<Wanted>>);
 
-/// A force, its direction, and whether that is in the hand's axes.
-type Wanted = (Force, Vector3<f64>, bool);
+/// Most moments of a force.
+const MOMENTS: usize = 3;
+
+/// A force, its direction, and the moments with it.
+#[derive(Clone, Debug, PartialEq)]
+struct Wanted {
+    force: Force,
+    direction: Direction,
+    moments: Vec<(Direction, f64)>,
+    /// Radius of the hand's face, m; zero: it touches with a point.
+    face_m: f64,
+}
 
 /// A force that is asked for at a tick.
 #[derive(Clone, Copy, Debug)]
@@ -86,6 +103,11 @@ pub(crate) struct Wish<'a> {
     pub(crate) newtons: f64,
     /// Direction, base axes.
     pub(crate) e: Vector3<f64>,
+    /// Axes of the moments, base axes, zero beyond their number, and the set-points, N·m.
+    about: [Vector3<f64>; MOMENTS],
+    newton_metres: [f64; MOMENTS],
+    /// Radius of the hand's face, m; zero: it touches with a point.
+    face_m: f64,
 }
 
 /// How far a segment's force is.
@@ -111,19 +133,59 @@ pub(crate) struct Pressing {
     leg: usize,
     stage: Stage,
     set_n: f64,
-    /// Of the force error, as a speed; m/s.
-    integral: f64,
-    /// δ̂, m.
-    depth_m: f64,
     felt_n: f64,
-    /// The newest force of the wrist's sensor, base axes; of a steered run without one the observer's; N.
-    pub(crate) wrist_n: Vector3<f64>,
-    /// v̂, m/s.
-    surface_speed: f64,
+    /// The newest wrench of the wrist's sensor about E, base axes; of a steered run without one the observer's; N, N·m.
+    pub(crate) wrist: Vector6<f64>,
+    /// Along the force.
+    along: Compliance,
+    /// About the axes of the moments, and whether the hand gives way about them: from its first contact on.
+    about: [Compliance; MOMENTS],
+    turns: bool,
+    /// A moment is not reached yet: off by more than a tenth of the force at the rim.
+    is_off: bool,
     /// Place along e from which a surface is looked for, m.
     from_m: f64,
     waited_s: f64,
     lasted_s: f64,
+}
+
+/// How the hand gives way along an axis, or about one.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Compliance {
+    /// δ̂, m or rad.
+    depth: f64,
+    /// v̂, m/s or rad/s.
+    surface_speed: f64,
+    /// Of the error, as a speed.
+    integral: f64,
+}
+
+/// What an axis asks for and feels: a force, N, and speeds, m/s; or a moment, N·m, and rad/s.
+#[derive(Clone, Copy, Debug)]
+struct Along {
+    set: f64,
+    felt: f64,
+    speed: f64,
+    stiffness: f64,
+    /// Bound on the speed that answers to the error.
+    fastest: f64,
+}
+
+impl Compliance {
+    /// v + v̂ after a tick of `dt` s.
+    fn step(&mut self, axis: &Along, tuning: &Tuning, dt: f64) -> f64 {
+        let apart = axis.felt / axis.stiffness - self.depth;
+        let Tuning { omega, omega_o, .. } = *tuning;
+        self.depth += (axis.speed - self.surface_speed + 2.0 * omega_o * apart) * dt;
+        self.surface_speed -= omega_o * omega_o * apart * dt;
+        let v = 0.5 * omega * (axis.set - axis.felt) / axis.stiffness;
+        let within = (v + self.integral).clamp(-axis.fastest, axis.fastest);
+        // Where the bound acts, the error is not the integral's to mend.
+        if within == v + self.integral {
+            self.integral += INTEGRAL * v * dt;
+        }
+        within + self.surface_speed
+    }
 }
 
 /// How quickly a force is answered.
@@ -148,9 +210,9 @@ impl Tuning {
         }
     }
 
-    /// The acceleration along e by which the hand takes up a speed, m/s².
-    fn acceleration(&self, speed: f64, felt: &Felt) -> f64 {
-        2.0 * self.omega * (speed - felt.speed)
+    /// The acceleration by which the hand, which has the speed `now`, takes up another; m/s² or rad/s².
+    fn acceleration(&self, speed: f64, now: f64) -> f64 {
+        2.0 * self.omega * (speed - now)
     }
 
     /// Speed of the approach, m/s: the impact on a surface as stiff as stated is at most twice the set-point.
@@ -176,16 +238,27 @@ struct Felt {
 impl Forces {
     /// Those of a scenario.
     pub(crate) fn of(scenario: &Scenario) -> Self {
+        let face_m = scenario.plant.face_radius_m;
         let force = |force: &Force| {
-            let (axis, of_tool) = force.direction()?;
-            Some((force.clone(), axis.into(), of_tool))
+            let moments = force.moments.iter();
+            let moments = moments.filter_map(|one| Some((one.direction()?, one.newton_metres)));
+            Some(Wanted {
+                force: force.clone(),
+                direction: force.direction()?,
+                moments: moments.collect(),
+                face_m,
+            })
         };
         if !scenario.presses() {
             return Self::default();
         }
         if let Some(session) = &scenario.servo {
-            let terms = Force::on(session.stiffness_n_m);
-            return Self(vec![Some((terms, Vector3::zeros(), false))]);
+            return Self(vec![Some(Wanted {
+                force: Force::on(session.stiffness_n_m),
+                direction: ([0.0; 3], false),
+                moments: Vec::new(),
+                face_m,
+            })]);
         }
         let segments = scenario.segment.iter();
         let forces = segments.map(|one| one.force.as_ref().and_then(force));
@@ -200,12 +273,20 @@ impl Forces {
 
     /// The force of a leg, and its direction for a hand that is turned by `R_BE`.
     pub(crate) fn at(&self, leg: usize, R_BE: &Matrix3<f64>) -> Option<Wish<'_>> {
-        let (terms, axis, of_tool) = self.0.get(leg)?.as_ref()?;
-        let newtons = terms.newtons;
-        (newtons > 0.0).then(|| Wish {
+        let wanted = self.0.get(leg)?.as_ref()?;
+        let terms = &wanted.force;
+        let turned = |(axis, of_tool): Direction| match of_tool {
+            true => R_BE * Vector3::from(axis),
+            false => axis.into(),
+        };
+        let moment = |i: usize| wanted.moments.get(i);
+        (terms.newtons > 0.0).then(|| Wish {
             terms,
-            newtons,
-            e: if *of_tool { R_BE * axis } else { *axis },
+            newtons: terms.newtons,
+            e: turned(wanted.direction),
+            about: array::from_fn(|i| moment(i).map_or(Vector3::zeros(), |one| turned(one.0))),
+            newton_metres: array::from_fn(|i| moment(i).map_or(0.0, |one| one.1)),
+            face_m: wanted.face_m,
         })
     }
 
@@ -215,7 +296,11 @@ impl Forces {
         target: &TargetContent,
         R_BE: &Matrix3<f64>,
     ) -> Option<Wish<'_>> {
-        let (terms, ..) = self.0.first()?.as_ref()?;
+        let Wanted {
+            force: terms,
+            face_m,
+            ..
+        } = self.0.first()?.as_ref()?;
         let force = Vector3::from(target.force);
         let newtons = force.norm();
         let e = force / newtons;
@@ -226,6 +311,9 @@ impl Forces {
                 FRAME_HAND => R_BE * e,
                 _ => e,
             },
+            about: [Vector3::zeros(); MOMENTS],
+            newton_metres: [0.0; MOMENTS],
+            face_m: *face_m,
         })
     }
 
@@ -240,17 +328,18 @@ impl Forces {
     ) {
         let before = progress.leg;
         path.advance(progress, dt_s, report);
-        if let Some(Wish { e, .. }) = self.at(before, &X_BE.R)
+        if let Some(wish) = self.at(before, &X_BE.R)
             && progress.leg != before
         {
-            progress.start.p += e * e.dot(&(X_BE.p - progress.start.p));
+            progress.start.p += wish.along(&(X_BE.p - progress.start.p));
+            progress.start.R = wish.turned(&progress.start.R, &X_BE.R);
             // Its goal may be a place.
             progress.begun = false;
             path.advance(progress, 0.0, report);
         }
     }
 
-    /// Puts the surface's motion along e in place of the path's into the desired motion of E.
+    /// Puts the hand's own motion along e and about the axes of the moments in place of the path's into the desired motion of E.
     #[inline(never)]
     pub(crate) fn free<const N: usize>(
         &self,
@@ -259,26 +348,31 @@ impl Forces {
         now: &Now<'_, N>,
     ) {
         let Now { terms, qdot, .. } = *now;
-        let Some(Wish { e, .. }) = self.wish(state, &terms.X_BE.R) else {
+        let Some(wish) = self.wish(state, now) else {
             return;
         };
-        let along = |x: Vector3<f64>| stack(&(e * e.dot(&x)), &Vector3::zeros());
-        let V = terms.J * qdot;
-        desired.p += e * e.dot(&(terms.X_BE.p - desired.p));
-        desired.V += along(linear(&(V - desired.V)));
-        desired.a -= along(linear(&desired.a));
+        let own = |V: Vector6<f64>| V - wish.across(&V);
+        desired.p += wish.along(&(terms.X_BE.p - desired.p));
+        desired.R = wish.turned(&desired.R, &terms.X_BE.R);
+        desired.V += own(terms.J * qdot - desired.V);
+        desired.a -= own(desired.a);
     }
 
-    /// The force of this tick, for a hand that is turned by `R_BE`.
-    pub(crate) fn wish<const N: usize>(
-        &self,
-        state: &State<N>,
-        R_BE: &Matrix3<f64>,
-    ) -> Option<Wish<'_>> {
-        match state.targets.presses {
-            true => self.of_target(&state.targets.held, R_BE),
-            false => self.at(state.progress.leg, R_BE),
+    /// The force of this tick. The axes of its moments as far as they are left: what is lost of them follows the path.
+    fn wish<const N: usize>(&self, state: &State<N>, now: &Now<'_, N>) -> Option<Wish<'_>> {
+        let R_BE = &now.terms.X_BE.R;
+        if state.targets.presses {
+            return self.of_target(&state.targets.held, R_BE);
         }
+        let mut wish = self.at(state.progress.leg, R_BE)?;
+        for axis in &mut wish.about {
+            *axis *= if state.force.turns {
+                left(now, axis).sqrt()
+            } else {
+                0.0
+            };
+        }
+        Some(wish)
     }
 
     /// Whether an arm can press as a target asks: its joints hold the force, each with up to its `effort`, N·m, and there is something to press on that is not
@@ -317,11 +411,35 @@ impl Forces {
             ));
         }
         (0..self.0.len()).find_map(|leg| {
-            let Wish { terms: force, e, .. } = self.at(leg, &terms.X_BE.R)?;
-            if (0..3).any(|i| !task[i] && e[i].abs() > UNSERVED) {
+            let wish = self.at(leg, &terms.X_BE.R)?;
+            let (force, e) = (wish.terms, wish.e);
+            let is_unserved = |axis: &Vector3<f64>, first: usize| {
+                (0..3).any(|i| !task[first + i] && axis[i].abs() > UNSERVED)
+            };
+            if is_unserved(&e, 0) {
                 return Some(format!(
                     "segment {leg} presses along `{}`, and the arm's task does not serve all of that axis: press along another one",
                     force.axis
+                ));
+            }
+            let twists = wish.about.iter().zip(&force.moments);
+            for (about, moment) in twists {
+                let row = terms.J.fixed_rows::<3>(3).tr_mul(about);
+                let (joint, most) = strongest(terms, effort, &(row * moment.newton_metres.signum()))?;
+                let why = if is_unserved(about, 3) {
+                    "the arm's task does not serve all of that axis: take another one".to_owned()
+                } else if most < moment.newton_metres.abs() {
+                    format!(
+                        "joint {} holds {:.2} N·m in the start posture: ask for less",
+                        joint + 1,
+                        most.max(0.0)
+                    )
+                } else {
+                    continue;
+                };
+                return Some(format!(
+                    "segment {leg} controls a moment about `{}`, and {why}",
+                    moment.axis
                 ));
             }
             let row = pressing_row(terms, &e);
@@ -348,15 +466,45 @@ impl Forces {
 }
 
 impl Wish<'_> {
-    /// A pose error, or a twist, without what is along e.
+    /// A pose error, or a twist, without what is along e or about the axes of the moments.
     pub(crate) fn across(&self, V: &Vector6<f64>) -> Vector6<f64> {
-        let v = linear(V);
-        stack(&(v - self.along(&v)), &angular(V))
+        let (v, omega) = (linear(V), angular(V));
+        stack(&(v - self.along(&v)), &(omega - self.turn(&omega)))
     }
 
     /// The share of a vector that is along e.
     pub(crate) fn along(&self, v: &Vector3<f64>) -> Vector3<f64> {
         self.e * self.e.dot(v)
+    }
+
+    /// The share of a rotation, or of its rate, that is about the axes of the moments.
+    fn turn(&self, omega: &Vector3<f64>) -> Vector3<f64> {
+        self.about.iter().map(|axis| axis * axis.dot(omega)).sum()
+    }
+
+    /// `R_d`, turned about the axes of the moments to where `R` is.
+    fn turned(&self, R_d: &Matrix3<f64>, R: &Matrix3<f64>) -> Matrix3<f64> {
+        if self.about[0] == Vector3::zeros() {
+            return *R_d;
+        }
+        let turn = rotation_error(R_d, R, None);
+        rotation_exp(&(turn - self.turn(&turn))) * R
+    }
+
+    /// The moments that are off their set-points, about each axis, under the wrench `F` on the hand; N·m.
+    pub(crate) fn off_nm(&self, F: &Vector6<f64>) -> [f64; MOMENTS] {
+        array::from_fn(|i| -self.about[i].dot(&angular(F)) - self.newton_metres[i])
+    }
+
+    /// The directions of the force and of the moments, as twists; zero beyond their number.
+    pub(crate) fn axes(&self) -> [Vector6<f64>; 1 + MOMENTS] {
+        let [a, b, c] = self.about.map(|axis| stack(&Vector3::zeros(), &axis));
+        [stack(&self.e, &Vector3::zeros()), a, b, c]
+    }
+
+    /// Whether a moment is asked for.
+    pub(crate) fn twists(&self) -> bool {
+        !self.terms.moments.is_empty()
     }
 }
 
@@ -391,20 +539,20 @@ pub(crate) fn step<const N: usize>(
     now: &Now<'_, N>,
     motion: &mut Motion<N>,
 ) -> Result<(), Refusal> {
-    let wrist_n = now.wrist_n.copied().unwrap_or(state.force.wrist_n);
+    let wrist = now.wrist.copied().unwrap_or(state.force.wrist);
     let leg = state.progress.leg;
-    let Some(wish) = setup.forces.wish(state, &now.terms.X_BE.R) else {
-        state.force = Pressing::touching(wrist_n);
+    let Some(wish) = setup.forces.wish(state, now) else {
+        state.force = Pressing::touching(wrist);
         return Ok(());
     };
-    state.force.wrist_n = wrist_n;
+    state.force.wrist = wrist;
     let e = wish.e;
     let row = pressing_row(now.terms, &e);
     let has_sensor = setup.scenario.plant.wrist_sensor;
     let felt = Felt {
         // A reference arm touches nothing: the force is that of the arm that follows it.
         force_n: if has_sensor || state.targets.presses {
-            -e.dot(&wrist_n)
+            -e.dot(&linear(&wrist))
         } else {
             unexplained(now, &row)?
         },
@@ -415,7 +563,10 @@ pub(crate) fn step<const N: usize>(
     let tuning = Tuning::of(has_sensor, dt);
     let v = (state.force).step(&wish, leg, &felt, &tuning, dt)?;
     let along = |x: f64| stack(&(e * x), &Vector3::zeros());
-    let a = tuning.acceleration(v, &felt);
+    let a = tuning.acceleration(v, felt.speed);
+    let (alpha, turning) = (state.force).twist(&wish, &wrist, now, &tuning, dt);
+    let r = now.terms.X_BE.R * now.p_EC;
+    motion.a += stack(&alpha.cross(&r), &alpha);
     let served;
     (motion.a, served) = serve(now, &(motion.a + along(a)), &e, a);
     // Positions lead the auxiliary coordinates to what is left, which they reach at the rate k_aux.
@@ -423,7 +574,7 @@ pub(crate) fn step<const N: usize>(
     let on_path = setup.path.place(&state.progress).moving(0.0, 0.0).p;
     motion.off_path = e * (felt.place_m - e.dot(&on_path) + ahead_m);
     motion.error += along(ahead_m);
-    motion.desired.V -= along(felt.speed);
+    motion.desired.V -= along(felt.speed) + stack(&turning.cross(&r), &turning);
     Ok(())
 }
 
@@ -455,6 +606,14 @@ fn serve<const N: usize>(
     (a + stack(&change, &Vector3::zeros()), share)
 }
 
+/// The share of an axis of rotation, 0 to 1, that no singularity takes.
+fn left<const N: usize>(now: &Now<'_, N>, axis: &Vector3<f64>) -> f64 {
+    now.report.listed().iter().fold(1.0, |left, s| {
+        let along = angular(&s.zeta_B).dot(axis);
+        left - left * along * along * (1.0 - s.neighborhood().openness(s.s))
+    })
+}
+
 /// Of a force of 1 N along e: A⁻¹Jᵀe, the acceleration of the joints, and 1/Λ, that of the hand along e, 1/kg.
 fn response<const N: usize>(
     terms: &Terms<N>,
@@ -465,7 +624,7 @@ fn response<const N: usize>(
     Ok((response, row.dot(&response).max(MOBILITY)))
 }
 
-/// The force on a steered hand by the disturbance torque of its arm, where no sensor measures it, base axes; N.
+/// The wrench on a steered hand by the disturbance torque of its arm, where no sensor measures it: a force along the axis, base axes; N.
 ///
 /// # Errors
 /// [`Refusal::Singular`] of a mass matrix that has no inverse.
@@ -473,10 +632,11 @@ pub(crate) fn observed<const N: usize>(
     wish: &Wish<'_>,
     terms: &Terms<N>,
     tau_disturbance: &SVector<f64, N>,
-) -> Result<Vector3<f64>, Refusal> {
+) -> Result<Vector6<f64>, Refusal> {
     let row = pressing_row(terms, &wish.e);
     let (response, mobility) = response(terms, &row)?;
-    Ok(wish.e * (response.dot(tau_disturbance) / mobility))
+    let force = wish.e * (response.dot(tau_disturbance) / mobility);
+    Ok(stack(&force, &Vector3::zeros()))
 }
 
 /// The force along e that explains the disturbance torque, −J̄_eᵀτ; N.
@@ -526,30 +686,67 @@ impl Pressing {
         }
         let rise = newtons / force.ramp_s * dt;
         self.set_n += (newtons - self.set_n).clamp(-rise, rise);
-        let apart = felt.force_n / force.stiffness_n_m - self.depth_m;
-        let omega_o = tuning.omega_o;
-        self.depth_m += (felt.speed - self.surface_speed + 2.0 * omega_o * apart) * dt;
-        self.surface_speed -= omega_o * omega_o * apart * dt;
-        let most = force.approach_m_s;
-        let v = 0.5 * tuning.omega * (self.set_n - felt.force_n) / force.stiffness_n_m;
-        let within = (v + self.integral).clamp(-most, most);
-        // Where the bound acts, the error is not the integral's to mend.
-        if within == v + self.integral {
-            self.integral += INTEGRAL * v * dt;
+        let axis = Along {
+            set: self.set_n,
+            felt: felt.force_n,
+            speed: felt.speed,
+            stiffness: force.stiffness_n_m,
+            fastest: force.approach_m_s,
+        };
+        Ok(self.along.step(&axis, tuning, dt))
+    }
+
+    /// The angular acceleration that answers to the moments, and the hand's rotation about their axes; rad/s², rad/s.
+    ///
+    /// In the air there is no moment to control: the hand comes to rest about these axes.
+    fn twist<const N: usize>(
+        &mut self,
+        wish: &Wish<'_>,
+        wrist: &Vector6<f64>,
+        now: &Now<'_, N>,
+        tuning: &Tuning,
+        dt: f64,
+    ) -> (Vector3<f64>, Vector3<f64>) {
+        let is_touching = matches!(self.stage, Stage::Rising | Stage::Moving);
+        self.turns = wish.twists() && (self.turns || is_touching);
+        if !self.turns {
+            return Default::default();
         }
-        Ok(within + self.surface_speed)
+        let omega = now.terms.J.fixed_rows::<3>(3) * now.qdot;
+        let share = self.set_n / wish.newtons;
+        let mut largest_nm = 0.0_f64;
+        let alpha = (0..MOMENTS).map(|i| {
+            let about = wish.about[i];
+            let axis = Along {
+                set: wish.newton_metres[i] * share * about.norm(),
+                felt: -about.dot(&angular(wrist)),
+                speed: about.dot(&omega),
+                stiffness: 0.5 * wish.terms.stiffness_n_m * wish.face_m * wish.face_m,
+                fastest: TURNING * wish.terms.approach_m_s / wish.face_m,
+            };
+            largest_nm = largest_nm.max((axis.set - axis.felt).abs());
+            let speed = match is_touching {
+                // Fewer points than stated touch a tilted face: the observer would take that for a surface that turns away.
+                true => (self.about[i].step(&axis, tuning, dt)).clamp(-axis.fastest, axis.fastest),
+                false => 0.0,
+            };
+            about * tuning.acceleration(speed, axis.speed)
+        });
+        let alpha = alpha.sum();
+        self.is_off = largest_nm > REACHED.0 * wish.newtons * wish.face_m;
+        (alpha, wish.turn(&omega))
     }
 
     /// −JᵀF: what bears the contact that the wrist's sensor measures; N·m. `None`: there is none.
     pub(crate) fn bearing<const N: usize>(&self, terms: &Terms<N>) -> Option<SVector<f64, N>> {
-        let is_felt = self.wrist_n != Vector3::zeros();
-        is_felt.then(|| -terms.J.fixed_rows::<3>(0).tr_mul(&self.wrist_n))
+        let is_felt = self.wrist != Vector6::zeros();
+        is_felt.then(|| -terms.J.tr_mul(&self.wrist))
     }
 
-    /// The state of a hand on which the force `wrist_n` acts, base axes, N, and that presses on nothing.
-    pub(crate) fn touching(wrist_n: Vector3<f64>) -> Self {
+    /// The state of a hand on which the wrench `wrist` acts about E, base axes, N, N·m, and that presses on nothing.
+    pub(crate) fn touching(wrist: Vector6<f64>) -> Self {
         Self {
-            wrist_n,
+            wrist,
             ..Self::default()
         }
     }
@@ -577,7 +774,7 @@ impl Pressing {
         let touch = (TOUCH.0 * newtons).max(TOUCH.1).min(0.5 * newtons);
         let is_reached = match force.until_newtons {
             Some(until) => self.felt_n >= until,
-            None => (self.felt_n - newtons).abs() <= REACHED.0 * newtons,
+            None => (self.felt_n - newtons).abs() <= REACHED.0 * newtons && !self.is_off,
         };
         let (lasts, long_s, next) = match self.stage {
             Stage::Seeking => (self.felt_n > touch, 0.0, Stage::Rising),
@@ -595,8 +792,11 @@ impl Pressing {
             (self.stage, self.lasted_s) = (next, 0.0);
             if meets {
                 self.set_n = self.felt_n.min(newtons);
-                self.depth_m = felt.force_n / force.stiffness_n_m;
-                (self.integral, self.surface_speed) = (0.0, 0.0);
+                self.along = Compliance {
+                    depth: felt.force_n / force.stiffness_n_m,
+                    ..Compliance::default()
+                };
+                self.about = Default::default();
             } else if matches!(next, Stage::Seeking | Stage::Lost) {
                 self.from_m = felt.place_m;
             }
@@ -606,29 +806,40 @@ impl Pressing {
     pub(crate) fn checkpoint(&self) -> ForceCheckpoint {
         ForceCheckpoint {
             set_n: self.set_n,
-            integral: self.integral,
-            depth_m: self.depth_m,
             felt_n: self.felt_n,
-            wrist_n: self.wrist_n.into(),
-            surface_speed: self.surface_speed,
+            wrist: self.wrist.into(),
+            along: [
+                self.along.depth,
+                self.along.surface_speed,
+                self.along.integral,
+            ],
+            about: (self.about).map(|one| [one.depth, one.surface_speed, one.integral]),
             from_m: self.from_m,
             waited_s: self.waited_s,
             lasted_s: self.lasted_s,
             leg: self.leg as u32,
             stage: self.stage as u32,
+            turns: u32::from(self.turns),
+            is_off: u32::from(self.is_off),
         }
     }
 
     pub(crate) fn restored(from: &ForceCheckpoint) -> Self {
+        let compliance = |[depth, surface_speed, integral]: [f64; 3]| Compliance {
+            depth,
+            surface_speed,
+            integral,
+        };
         Self {
             leg: from.leg as usize,
             stage: STAGES.get(from.stage as usize).copied().unwrap_or_default(),
             set_n: from.set_n,
-            integral: from.integral,
-            depth_m: from.depth_m,
             felt_n: from.felt_n,
-            wrist_n: from.wrist_n.into(),
-            surface_speed: from.surface_speed,
+            wrist: from.wrist.into(),
+            along: compliance(from.along),
+            about: from.about.map(compliance),
+            turns: from.turns != 0,
+            is_off: from.is_off != 0,
             from_m: from.from_m,
             waited_s: from.waited_s,
             lasted_s: from.lasted_s,
@@ -644,7 +855,7 @@ mod tests {
     fn force() -> Force {
         let text = "name=\"t\"\nrobot=\"puma560\"\nstart.posture=\"ready\"\n[[segment]]\nduration_s=1.0\nforce={axis=\"-z\", newtons=10.0}\n";
         let scenario = Scenario::parse("t.toml", text, &[]).unwrap();
-        Forces::of(&scenario).0[0].clone().unwrap().0
+        Forces::of(&scenario).0[0].clone().unwrap().force
     }
 
     fn wish(terms: &Force) -> Wish<'_> {
@@ -652,6 +863,9 @@ mod tests {
             terms,
             newtons: terms.newtons,
             e: -Vector3::z(),
+            about: [Vector3::zeros(); MOMENTS],
+            newton_metres: [0.0; MOMENTS],
+            face_m: 0.0,
         }
     }
 
@@ -674,7 +888,7 @@ mod tests {
                 peak = peak.max(felt.force_n);
                 let tuning = Tuning::of(true, dt);
                 let wanted = pressing.step(&wish(&force), 0, &felt, &tuning, dt).unwrap();
-                v += tuning.acceleration(wanted, &felt) * dt;
+                v += tuning.acceleration(wanted, v) * dt;
                 x += v * dt;
                 assert!(v <= 0.0201, "{v}");
             }

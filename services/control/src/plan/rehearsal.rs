@@ -80,7 +80,7 @@ fn is_followed<const N: usize>(
             q: &q,
             qdot: &qdot,
             tau_disturbance: &zero,
-            wrist_n: None,
+            wrist: None,
             report: &analyzer.step(&q, &qdot, &terms),
             terms: Some(&terms),
             target: None,

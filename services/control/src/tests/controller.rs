@@ -188,7 +188,7 @@ fn a_refused_arm_carries_an_unknown_load() {
                 q: &q,
                 qdot: &qdot,
                 tau_disturbance: &load,
-                wrist_n: None,
+                wrist: None,
                 report: &report,
                 terms: None,
                 target: None,

@@ -4,7 +4,7 @@ use crate::testing::{robot, undisturbed};
 use crate::types::Phase;
 use crate::{Analyzer, Controller, Inputs, start_posture};
 use model::Model;
-use nalgebra::{Rotation3, SVector, UnitQuaternion};
+use nalgebra::{Rotation3, SVector, UnitQuaternion, Vector6};
 use proptest::prelude::*;
 use shared_types::codes::{
     FRAME_HAND, REASON_FOLLOWING, REASON_LIMIT, REASON_OVER, REASON_REACH, REASON_STALE,
@@ -463,7 +463,7 @@ fn pressed(force: [f64; 3], seconds: f64) -> (f64, f64, nalgebra::Vector3<f64>, 
     for tick in 0..ticks {
         let terms = model.evaluate(&q, &qdot);
         let depth = begun.z - 0.005 - terms.X_BE.p.z;
-        let wrist_n = nalgebra::Vector3::z() * (2e4 * depth.max(0.0));
+        let wrist = Vector6::z() * (2e4 * depth.max(0.0));
         let target = TargetContent {
             kind: TARGET_TWIST,
             given_tick: tick,
@@ -477,17 +477,17 @@ fn pressed(force: [f64; 3], seconds: f64) -> (f64, f64, nalgebra::Vector3<f64>, 
             q: &q,
             qdot: &qdot,
             tau_disturbance: &SVector::zeros(),
-            wrist_n: Some(&wrist_n),
+            wrist: Some(&wrist),
             report: &analyzer.step(&q, &qdot, &terms),
             terms: Some(&terms),
             target: Some(&target),
         });
         state = command.session.unwrap();
-        let contact = terms.J.fixed_rows::<3>(0).tr_mul(&wrist_n);
+        let contact = terms.J.tr_mul(&wrist);
         qdot += terms.qddot(&(command.tau + contact)) * dt;
         q += qdot * dt;
         if tick + 1000 >= ticks {
-            let error = (wrist_n.z - 10.0).abs();
+            let error = (wrist.z - 10.0).abs();
             (sum, most) = (sum + error, most.max(error));
         }
     }

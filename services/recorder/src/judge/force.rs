@@ -33,6 +33,7 @@ struct Leg {
     /// The force of the segment before, while its contact lasts.
     before_n: f64,
     square_sum: f64,
+    moment_square_sum: f64,
     ticks: u64,
     /// For how long the force has been what a target asks for, s.
     reached_s: f64,
@@ -108,8 +109,12 @@ impl ForceMeter {
     /// A force that one segment did not keep shall not vanish among those of the others: the largest root mean square counts.
     fn end_leg(&mut self) {
         if self.leg.ticks > 0 {
-            let rms_n = (self.leg.square_sum / self.leg.ticks as f64).sqrt();
-            self.summary.rms_n = larger(self.summary.rms_n, rms_n);
+            let rms = |sum: f64| (sum / self.leg.ticks as f64).sqrt();
+            let one = &mut self.summary;
+            one.rms_n = larger(one.rms_n, rms(self.leg.square_sum));
+            if let Some(largest) = &mut one.moment_rms_nm {
+                *largest = larger(*largest, rms(self.leg.moment_square_sum));
+            }
         }
     }
 
@@ -129,6 +134,12 @@ impl ForceMeter {
         one.tangential_max_mm = larger(one.tangential_max_mm, contact.across_mm);
         self.leg.ticks += 1;
         self.leg.square_sum += error * error;
+        if let Some(off) = contact.moment_off_nm {
+            self.leg.moment_square_sum += off * off;
+            one.moment_rms_nm.get_or_insert_default();
+            let most = one.moment_max_nm.get_or_insert_default();
+            *most = larger(*most, off);
+        }
     }
 
     /// The findings; `None` where no segment with a force has begun.
@@ -144,14 +155,14 @@ impl ForceMeter {
     }
 }
 
-/// Share of a force's axis that is mostly lost.
+/// Share of an axis that is mostly lost.
 const MOSTLY: f64 = 0.5;
 
 /// A cause of a miss, in words: most of the axis was lost.
 pub(super) fn borne(force: &ForceSummary) -> Option<String> {
     let percent = 100.0 * force.borne_max;
     (force.borne_max > MOSTLY).then(|| {
-        format!("up to {percent:.0} % of the force's axis was lost in a singularity: there the hand leaves its path, or presses less")
+        format!("up to {percent:.0} % of the axis of the force or of a moment was lost in a singularity: there the hand leaves its path, or presses less")
     })
 }
 
@@ -165,9 +176,14 @@ pub(super) fn unkept(force: &ForceSummary, goal: &Goal) -> Option<String> {
     if force.ticks == 0 {
         return Some(format!("the force of {newtons} N did not come about"));
     }
-    (!within(rms_n, bound)).then(|| {
-        format!("force of {newtons} N off by {rms_n:.3} N (root mean square), allowed {bound} N")
-    })
+    if !within(rms_n, bound) {
+        return Some(format!(
+            "force of {newtons} N off by {rms_n:.3} N (root mean square), allowed {bound} N"
+        ));
+    }
+    let (off, bound) = (force.moment_rms_nm?, goal.moment_nm);
+    (!within(off, bound))
+        .then(|| format!("moments off by {off:.3} N·m (root mean square), allowed {bound} N·m"))
 }
 
 #[cfg(test)]
@@ -186,6 +202,7 @@ mod tests {
                 pressed_n,
                 across_mm: 0.3,
                 borne: 0.0,
+                moment_off_nm: moves.then_some(0.2),
             };
             meter.take(&contact, moves, touches);
         };
@@ -208,7 +225,8 @@ mod tests {
             (14.0, 10.0, 0.3)
         );
         assert!((found.rms_n - (125.0_f64 / 3.0).sqrt()).abs() < 1e-12);
-        assert!(borne(&found).is_none());
+        assert_eq!(found.moment_max_nm, Some(0.2));
+        assert!((found.moment_rms_nm.unwrap() - 0.2).abs() < 1e-12 && borne(&found).is_none());
         let lost = ForceSummary {
             borne_max: 0.9,
             ..found
@@ -231,6 +249,7 @@ mod tests {
                 pressed_n,
                 across_mm: 0.0,
                 borne: 0.0,
+                moment_off_nm: None,
             };
             let force = (newtons > 0.0).then_some(&contact);
             meter.reach(leg, force, pressed_n > 0.0);

@@ -103,7 +103,7 @@ impl<const N: usize> Controller<N> {
             q: &q_r,
             qdot: &qdot_r,
             tau_disturbance: &SVector::zeros(),
-            wrist_n: None,
+            wrist: None,
             report: &listed,
             ..*inputs
         };
@@ -180,17 +180,17 @@ impl<const N: usize> Controller<N> {
     fn feel(&mut self, inputs: &Inputs<'_, N>, terms: &Terms<N>) -> bool {
         let State { force, targets, .. } = &mut self.state;
         if targets.goes_by_joints() || targets.stops.now {
-            *force = Pressing::touching(force.wrist_n);
+            *force = Pressing::touching(force.wrist);
         }
         let wish = self.setup.forces.of_target(&targets.held, &terms.X_BE.R);
-        let felt = match (inputs.wrist_n, wish) {
-            (Some(wrist_n), _) => Ok(*wrist_n),
+        let felt = match (inputs.wrist, wish) {
+            (Some(wrist), _) => Ok(*wrist),
             (None, Some(wish)) if targets.presses => {
                 force::observed(&wish, terms, inputs.tau_disturbance)
             }
-            _ => Ok(Vector3::zeros()),
+            _ => Ok(Vector6::zeros()),
         };
-        felt.map(|felt| force.wrist_n = felt).is_ok()
+        felt.map(|felt| force.wrist = felt).is_ok()
     }
 
     /// Begins the reference arm anew at the arm, where the two have parted: an estimate was set aside, the arm was held or thrown.
@@ -227,7 +227,7 @@ impl<const N: usize> Controller<N> {
         let feedback = (q_r - inputs.q) * control.k_p + (qdot_r - inputs.qdot) * control.k_v;
         let mut bias = terms.bias();
         // Without a sensor the contact is part of the disturbance.
-        let bearing = (self.state.force.bearing(terms)).filter(|_| inputs.wrist_n.is_some());
+        let bearing = (self.state.force.bearing(terms)).filter(|_| inputs.wrist.is_some());
         if let Some(bearing) = bearing {
             bias += bearing;
         }
