@@ -8,19 +8,20 @@ class Estimator(armplane.Process):
     q, numbers = None, ()
 
     def setup(self):
-        if HOW == "layout":
-            self.joined._call("output", b"estimate", 0x123)
-        if HOW == "absent":
-            os._exit(0)
-        if HOW == "refuses":
-            raise RuntimeError("no licence")
-        if HOW == "thread":
-            threading.Thread(target=lambda: 1 / 0).start()
-            time.sleep(1)
-        if HOW == "at its end":
-            atexit.register(lambda: 1 / 0)
-        if HOW == "hides":
-            self.end = 2.5
+        match HOW:
+            case "layout":
+                self.joined._call("output", b"estimate", 0x123)
+            case "absent":
+                os._exit(0)
+            case "refuses":
+                raise RuntimeError("no licence")
+            case "thread":
+                threading.Thread(target=lambda: 1 / 0).start()
+                time.sleep(1)
+            case "at its end":
+                atexit.register(lambda: 1 / 0)
+            case "hides":
+                self.end = 2.5
 
     def tick(self, tick):
         sensor, estimate, n = self.topics["sensor"], self.topics["estimate"], self.dof
@@ -40,24 +41,25 @@ class Estimator(armplane.Process):
             os.kill(os.getpid(), signal.SIGKILL)
 
     def go_wrong(self, estimate):
-        if HOW == "dies":
-            os._exit(7)
-        if HOW == "nan":
-            estimate.q[1] = float("nan")
-        if HOW == "twice":
-            self.joined.send()
-        if HOW == "waits":
-            self.joined.wait()
-        if HOW == "silent":
-            time.sleep(60)
-        if HOW == "raises":
-            raise ValueError("no idea")
-        if HOW == "exits":
-            sys.exit(0)
-        if HOW == "forks":
-            if os.fork() == 0:
+        match HOW:
+            case "dies":
+                os._exit(7)
+            case "nan":
+                estimate.q[1] = float("nan")
+            case "twice":
+                self.joined.send()
+            case "waits":
                 self.joined.wait()
-            os.wait()
+            case "silent":
+                time.sleep(60)
+            case "raises":
+                raise ValueError("no idea")
+            case "exits":
+                sys.exit(0)
+            case "forks":
+                if os.fork() == 0:
+                    self.joined.wait()
+                os.wait()
 
     def state(self):
         return struct.pack(f"{2 * self.dof}d", *self.q, *self.v)
