@@ -1,8 +1,14 @@
-"""Waiting for conditions, and finding processes: for tests of programs that run beside them."""
+"""Running programs, waiting for conditions, and finding processes: for tests of programs that run beside them."""
 
-import contextlib
-import pathlib
+import subprocess
 import time
+
+import psutil
+
+
+def ended(command, **options):
+    """A program that has run to its end, with what it said; its words are separated by spaces."""
+    return subprocess.run(command.split(), capture_output=True, text=True, timeout=1800, **options)
 
 
 def wait(find, seconds):
@@ -13,11 +19,7 @@ def wait(find, seconds):
     return found
 
 
-def having(*variables):
-    """Ids of the processes with these environment variables, `NAME=VALUE` each."""
-    found = []
-    for path in pathlib.Path("/proc").glob("[0-9]*/environ"):
-        with contextlib.suppress(OSError):
-            if {one.encode() for one in variables} <= {*path.read_bytes().split(b"\0")}:
-                found.append(int(path.parent.name))
-    return found
+def having(word="", **variables):
+    """Ids of the processes with these environment variables and, if it is given, a word among their arguments."""
+    found = [(one.pid, *map(one.info.get, ("environ", "cmdline"))) for one in psutil.process_iter(["environ", "cmdline"])]
+    return [pid for pid, environment, words in found if variables.items() <= (environment or {}).items() and (not word or word in words)]

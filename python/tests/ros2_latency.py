@@ -14,8 +14,7 @@ HZ, SECONDS = 500, 20
 def main():
     for mode in ("lockstep", "realtime"):
         with tempfile.TemporaryDirectory() as folder:
-            words = f"servo ur5 --duration 100 --mode {mode} --ros2=units,rate={HZ}".split()
-            face = Face(None, pathlib.Path(folder), *words)
+            face = Face(None, pathlib.Path(folder), f"servo ur5 --duration 100 --mode {mode} --ros2=units,rate={HZ}")
             while not face.peer.ask("heard", "servo_node/delta_twist_cmds"):
                 time.sleep(0.1)
             time.sleep(1)

@@ -7,7 +7,6 @@ It answers each line of standard input, a Python tuple, with one: `("send", TOPI
 
 import functools
 import os
-import pathlib
 import sys
 import time
 from time import monotonic
@@ -19,6 +18,7 @@ from cyclonedds.idl import make_idl_struct, types
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
+from repository import place
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 LOCALHOST = """<CycloneDDS><Domain><General><AllowMulticast>false</AllowMulticast><Interfaces><NetworkInterface name="lo"/></Interfaces></General>
@@ -53,8 +53,7 @@ _BASE, _MESSAGE, _LIST = 1, 2, 4
 @functools.lru_cache(maxsize=None)
 def store():
     """All definitions, by the parser of rosbags."""
-    found, here = get_typestore(Stores.ROS2_JAZZY), pathlib.Path(__file__).resolve()
-    package = next(path for folder in here.parents if (path := folder / "examples/ros2/armplane_msgs/msg").exists())
+    found, package = get_typestore(Stores.ROS2_JAZZY), place("examples/ros2/armplane_msgs/msg")
     for name, text in {**OTHERS, **{f"armplane_msgs/msg/{path.stem}": path.read_text() for path in package.glob("*.msg")}}.items():
         found.register(get_types_from_msg(text, name))
     return found

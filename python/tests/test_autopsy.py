@@ -3,7 +3,6 @@
 import json
 import pathlib
 import re
-import subprocess
 import sys
 
 import armplane
@@ -11,6 +10,8 @@ import incidents
 import numpy as np
 import pytest
 from armplane import autopsy
+from processes import ended
+from repository import tutorial
 
 pytest.importorskip("mujoco")
 
@@ -83,9 +84,8 @@ def test_another_order_of_joints_is_found_and_another_robot_is_said(arm, tmp_pat
 
 def test_a_run_is_judged_by_its_own_arm(tmp_path):
     # The tutorial's arm of three joints is asked for its tip's place alone; its description, which says so, is in the log.
-    page = next(path for folder in pathlib.Path(__file__).resolve().parents if (path := folder / "docs/tutorial.md").is_file()).read_text()
-    for name, text in re.findall(r"```(?:xml|toml) (arm\.urdf|arm\.toml|reach\.toml)\n(.*?)```", page, re.DOTALL):
-        (tmp_path / name).write_text(text)
+    for name in ("arm.urdf", "arm.toml", "reach.toml"):
+        (tmp_path / name).write_text(tutorial()[name])
     run, log = armplane.run(tmp_path / "reach.toml", out=tmp_path / "reach"), tmp_path / "elsewhere.mcap"
     (tmp_path / "reach/messages.mcap").rename(log)
     assert run.summary["outcome"] == "goal reached"
@@ -122,7 +122,7 @@ def test_a_damaged_file_is_one_sentence(tmp_path):
     for name, content in files.items():
         path = tmp_path / name
         path.write_bytes(content)
-        done = subprocess.run([sys.executable, *f"-m armplane.autopsy {path} --robot ur5".split()], capture_output=True, text=True, timeout=120)
+        done = ended(f"{sys.executable} -m armplane.autopsy {path} --robot ur5")
         assert done.returncode == 2 and done.stderr.startswith("armplane: ") and done.stderr.count("\n") == 1 and not done.stdout, (name, done.stderr)
 
 
@@ -132,7 +132,7 @@ def test_many_logs_are_a_table_and_json_lines(arm, tmp_path):
         (logs / str(k)).mkdir(parents=True)
         path, _, _ = made(arm[0], cause, ("joints", False), "csv", logs / str(k))
         pathlib.Path(path).rename(logs / f"{k}.csv")
-    command = [sys.executable, *f"-m armplane.autopsy {logs} --robot {arm[1]}".split()]
-    done = subprocess.run([*command, "--json"], capture_output=True, text=True, timeout=120)
+    command = f"{sys.executable} -m armplane.autopsy {logs} --robot {arm[1]}"
+    done = ended(f"{command} --json")
     assert done.returncode == 0 and [json.loads(line)["cause"] for line in done.stdout.splitlines()] == ["jump in the command", "none"]
-    assert len(subprocess.run(command, capture_output=True, text=True, timeout=120).stdout.splitlines()) == 3
+    assert len(ended(command).stdout.splitlines()) == 3

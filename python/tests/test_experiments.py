@@ -15,6 +15,7 @@ import pytest
 from armplane import experiments, trial
 from armplane.experiments import Range, sweep
 from armplane.experiments import __main__ as command
+from repository import tutorial
 
 SHORT = """name = "short"
 robot = "puma560"
@@ -209,9 +210,7 @@ def test_studies_are_tables_and_pictures():
 
 
 def test_the_tutorials_experiment_is_twenty_lines_and_works(tmp_path, monkeypatch):
-    page = next(folder / "docs/tutorial.md" for folder in Path(__file__).resolve().parents if (folder / "docs/tutorial.md").is_file())
-    blocks = [block.split("\n", 1) for block in page.read_text().split("```")[1::2]]
-    files = {head.split()[1]: text for head, text in blocks if len(head.split()) == 2}
+    files = tutorial()
     for name in ("arm.urdf", "arm.toml", "reach.toml"):
         Path(name).write_text(files[name])
     # The arm is beside its scenario, or named from here.

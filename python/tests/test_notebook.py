@@ -1,12 +1,11 @@
 """`examples/notebook.ipynb` from its first cell to its last: with its own arm, and with a file as a stranger has it."""
 
-import pathlib
-
 import nbformat
 import pytest
 from nbclient import NotebookClient
+from repository import place
 
-NOTEBOOK = next(path for folder in pathlib.Path(__file__).parents if (path := folder / "examples/notebook.ipynb").exists())
+NOTEBOOK = place("examples/notebook.ipynb")
 SIX = "".join(
     f'<body name="l{i}" pos="0 0 {z}"><joint name="j{i}" axis="{axis}" range="-170 170"/><geom type="capsule" fromto="0 0 0 0 0 0.1" size="0.03"/>'
     for i, (z, axis) in enumerate([(0.2, "0 0 1"), (0.1, "0 1 0"), (0.4, "0 1 0"), (0.4, "0 0 1"), (0.0, "0 1 0"), (0.0, "0 0 1")], 1)

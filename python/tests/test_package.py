@@ -59,9 +59,16 @@ def test_a_law_gives_the_bits_of_the_process(name, by, q):
     assert engaged > 100
 
 
-def test_a_number_is_refused_in_words_and_never_raises():
+@pytest.fixture
+def puma():
+    """An arm, a posture, no speed, and the pose of its hand."""
     arm = Arm.builtin("puma560")
-    q, zero, pose = np.array(arm.postures["nominal"]), np.zeros(6), arm.at(arm.postures["nominal"]).pose
+    q = np.array(arm.postures["nominal"])
+    return arm, q, np.zeros(6), arm.at(q).pose
+
+
+def test_a_number_is_refused_in_words_and_never_raises(puma):
+    arm, q, zero, pose = puma
     for i, bad in enumerate([np.nan, np.inf, -np.inf, 1e300]):
         law, wrong = Law(arm), q.copy()
         assert not law.step(np.full(6, bad), zero).any() and law.state.refusal, "not begun: no torque"
@@ -76,12 +83,11 @@ def test_a_number_is_refused_in_words_and_never_raises():
         law.reset()
         law.step(q, zero, pose)
         assert law.state.refusal == ""
-    assert Arm.builtin("puma560").step_many(np.full((3, 6), np.nan))["count"].sum() == 0
+    assert arm.step_many(np.full((3, 6), np.nan))["count"].sum() == 0
 
 
-def test_a_pose_in_millimetres_or_transposed_is_refused():
-    arm = Arm.builtin("puma560")
-    q, zero, pose = np.array(arm.postures["nominal"]), np.zeros(6), arm.at(arm.postures["nominal"]).pose
+def test_a_pose_in_millimetres_or_transposed_is_refused(puma):
+    arm, q, zero, pose = puma
     far, mirrored = pose.copy(), pose @ np.diag([1.0, 1.0, -1.0, 1.0])
     far[:3, 3] *= 1000
     for wrong, refused in ((pose, 0), (pose + 1e-12, 0), (pose.T, 1), (mirrored, 1), (far, 1)):

@@ -1,7 +1,5 @@
 """`--ros2`: a participant in another process, with cyclonedds alone, steers a UR5 and hears of it; what a killed side leaves."""
 
-import contextlib
-import importlib.util
 import json
 import os
 import pathlib
@@ -17,17 +15,19 @@ import numpy as np
 import pytest
 from armplane.results import _program
 from armplane.ros2.door import DEFINED
-from armplane.ros2.servo import Frames, quaternion
+from armplane.ros2.servo import Frames, fields, quaternion
 from armplane.rotation import rotation_exp, rotation_log, rotation_of
 from numpy.linalg import norm
-from processes import having, wait
+from processes import ended, having, wait
 from scipy.spatial.transform import RigidTransform, Rotation
 
+pytest.importorskip("cyclonedds"), pytest.importorskip("rosbags")
 HERE = pathlib.Path(__file__).parent
-MISSING = [name for name in ("cyclonedds", "rosbags") if importlib.util.find_spec(name) is None]
-pytestmark = pytest.mark.skipif(bool(MISSING), reason=f"missing in Python: {MISSING}: pip install 'armplane[ros2]' rosbags")
 JOINTS = "shoulder_pan shoulder_lift elbow wrist_1 wrist_2 wrist_3".split()
 NEAR_LOCK = np.array([0.3, -1.2, 1.4, -0.6, 0.15, 0.2])
+STEERED = f"servo ur5 --duration 300 --start {','.join(map(str, np.degrees(NEAR_LOCK)))}"
+# One of its own for each worker: other tests on this machine are not to be steered.
+DOMAIN = os.environ["ROS_DOMAIN_ID"] = str(20 + os.getpid() % 80)
 TWIST, POSE, JOG, PATH = "servo_node/delta_twist_cmds", "servo_node/pose_target_cmds", "servo_node/delta_joint_cmds", "joint_trajectory"
 
 
@@ -39,9 +39,9 @@ def store():
 
 
 def test_our_messages_are_those_of_the_package_to_copy(store):
-    for name, fields in DEFINED.items():
+    for name, ours in DEFINED.items():
         if full := store.fielddefs.get(name.replace("/", "/msg/")):
-            assert [field for _, field in fields] == [field for field, _ in full[1]], name
+            assert [field for _, field in ours] == [field for field, _ in full[1]], name
 
 
 def test_frames_are_those_of_the_urdf(tmp_path):
@@ -51,7 +51,8 @@ def test_frames_are_those_of_the_urdf(tmp_path):
     link = lambda name, parent, xyz, rpy: (f'<link name="{name}"/><joint name="to_{name}" type="fixed"><parent link="{parent}"/><child link="{name}"/>'
                                            f'<origin xyz="{xyz}" rpy="{rpy}"/></joint>')
     more = link("camera", "forearm_link", "0.1 0.2 0.3", "0.4 0.5 0.6") + link("pen", "tool0", "0 0 0.1", "0 0.3 0")
-    job = _job_of("ur5", tmp_path)
+    ended(f"{_program()} servo ur5 --random 1 --duration 0.05 --out {tmp_path}/run")
+    job = json.loads((tmp_path / "run/job.json").read_text())
     job["robot"]["urdf"] = job["robot"]["urdf"].replace("</robot>", more + "</robot>")
     frames, q = Frames(Robot(job)), np.array([0.3, -1.2, 1.6, -1, 0.9, 0.2])
     offset = lambda xyz, rpy: RigidTransform.from_components(xyz, Rotation.from_euler("xyz", rpy)).as_matrix()
@@ -70,21 +71,11 @@ def test_frames_are_those_of_the_urdf(tmp_path):
         frames.pose("nowhere", q)
 
 
-def _job_of(robot, folder):
-    """The job of a short run."""
-    out = folder / robot
-    if not out.exists():
-        command = [_program(), *f"servo {robot} --random 1 --duration 0.05 --out {out}".split()]
-        subprocess.run(command, capture_output=True)
-    return json.loads((out / "job.json").read_text())
-
-
 class Peer:
     """The participant that knows nothing of armplane."""
 
-    def __init__(self, domain):
-        environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
-        self.process = subprocess.Popen([sys.executable, HERE / "ros2_peer.py"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment)
+    def __init__(self):
+        self.process = subprocess.Popen([sys.executable, HERE / "ros2_peer.py"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         assert self.process.stdout.readline() == "ready\n"
 
     def ask(self, *words):
@@ -92,26 +83,21 @@ class Peer:
         self.process.stdin.flush()
         return eval(self.process.stdout.readline())
 
-    def stop(self, number=signal.SIGKILL):
-        self.process.send_signal(number)
+    def stop(self):
+        self.process.kill()
         self.process.wait()
 
 
 class Face:
-    """A run with the face, and a peer."""
+    """A run with the face, and a peer; as a context, it ends with it."""
 
-    def __init__(self, store, folder, *words, domain=None):
-        self.store, self.folder = store, folder
-        # One of its own for each worker: other tests on this machine are not to be steered.
-        self.domain = domain or 20 + os.getpid() % 80
-        self.peer, self.last = Peer(self.domain), {}
+    def __init__(self, store, folder, words):
+        self.store, self.folder, self.peer, self.last = store, folder, Peer(), {}
         self.log = open(folder / "log", "w+")
-        command = [_program(), *words, "--out", str(folder / "run")]
-        environment = {**os.environ, "ROS_DOMAIN_ID": str(self.domain)}
-        self.process = subprocess.Popen(command, cwd=folder, env=environment, stdout=self.log, stderr=self.log)
+        self.process = subprocess.Popen([_program(), *words.split(), "--out", folder / "run"], cwd=folder, stdout=self.log, stderr=self.log)
 
-    def send(self, topic, fields, seconds=0.0, hz=100):
-        return self.peer.ask("send", topic, seconds, hz, fields)
+    def send(self, topic, content, seconds=0.0, hz=100):
+        return self.peer.ask("send", topic, seconds, hz, content)
 
     def messages(self, topic):
         """All that has come since the last call."""
@@ -145,13 +131,13 @@ class Face:
     def hand(self):
         self.messages("tf")
         at = self.until("tf").transforms[0].transform
-        return np.array([at.translation.x, at.translation.y, at.translation.z]), np.array([at.rotation.w, at.rotation.x, at.rotation.y, at.rotation.z])
+        return fields(at.translation, "xyz"), fields(at.rotation, "wxyz")
 
-    def push(self, topic, fields, is_there):
+    def push(self, topic, content, is_there):
         """Sends a command until the fifth joint is there; its positions meanwhile."""
         found, end = [], monotonic() + 40
         while not (found and is_there(found[-1])):
-            self.send(topic, fields, seconds=0.3, hz=500)
+            self.send(topic, content, seconds=0.3, hz=500)
             found += [one.position[4] for one in self.messages("joint_states")]
             assert monotonic() < end, found[-1]
         return found
@@ -182,29 +168,19 @@ class Face:
 
     def pid(self):
         """Of the process of the run."""
-        return next(iter(having(f"ROS_DOMAIN_ID={self.domain}", "ARMPLANE_PROCESS=ros2")), None)
+        return next(iter(having(ROS_DOMAIN_ID=DOMAIN, ARMPLANE_PROCESS="ros2")), None)
 
     def end(self):
-        if self.process.poll() is None:
-            self.process.send_signal(signal.SIGINT)
-        code = self.process.wait(30)
-        with contextlib.suppress(OSError):
-            self.peer.stop()
+        self.process.send_signal(signal.SIGINT)
+        self.process.wait(30)
+        self.peer.stop()
         assert self.pid() is None
-        return code
 
+    def __enter__(self):
+        return self
 
-@contextlib.contextmanager
-def _face(store, folder, *words):
-    face = Face(store, folder, *words)
-    try:
-        yield face
-    finally:
-        face.end()
-
-
-def _steered(*more):
-    return [*f"servo ur5 --duration 300 --start {','.join(map(str, np.degrees(NEAR_LOCK)))}".split(), *more]
+    def __exit__(self, *_):
+        self.end()
 
 
 def twist(v, w=(0, 0, 0), frame="base_link", stamp=None):
@@ -228,7 +204,7 @@ def path(*points, names=JOINTS):
 
 
 def test_twists_and_poses_lead_through_a_wrist_lock(store, tmp_path):
-    with _face(store, tmp_path, *_steered("--ros2=rate=500,units")) as face:
+    with Face(store, tmp_path, f"{STEERED} --ros2=rate=500,units") as face:
         state = face.until("joint_states")
         assert state.name == JOINTS and np.abs(state.position - NEAR_LOCK).max() < 1e-3 and len(state.velocity) == len(state.effort) == 6
         assert face.until("robot_description").data.startswith("<?xml")
@@ -236,8 +212,7 @@ def test_twists_and_poses_lead_through_a_wrist_lock(store, tmp_path):
         report = face.until("armplane/singularity")
         wrist = next(one for one in report.singularities if one.name == "wrist")
         assert 0.1 < wrist.s < 2 * wrist.eta_out and report.header.frame_id == "base_link"
-        size = lambda one: norm([one.x, one.y, one.z])
-        assert abs(max(size(wrist.linear), size(wrist.angular)) - 1) < 1e-9
+        assert abs(max(norm(fields(half, "xyz")) for half in (wrist.linear, wrist.angular)) - 1) < 1e-9
         assert {pair.key for pair in face.until("diagnostics").status[0].values} >= {"tick", "stops"}
         # To the side by less than a millimetre, while the wrist turns through its lock.
         begin, x = face.hand()
@@ -245,7 +220,7 @@ def test_twists_and_poses_lead_through_a_wrist_lock(store, tmp_path):
         v, w = np.split(-0.1 * armplane.Arm.builtin("ur5").at(NEAR_LOCK * [1, 1, 1, 1, 0, 1]).J[:, 4], 2)
         v[2] += 0.02
         wrists = face.push(TWIST, twist(v, w), lambda wrist: wrist < -0.1)
-        places = np.array([[getattr(one.transforms[0].transform.translation, axis) for axis in "xyz"] for one in face.messages("tf")]) - begin
+        places = np.array([fields(one.transforms[0].transform.translation, "xyz") for one in face.messages("tf")]) - begin
         along = places @ v / (v @ v)
         assert along.max() > 1 and norm(places - along[:, None] * v, axis=1).max() < 1e-3
         # On a busy machine a command may come when it is over, or overrun the operator: the log then has the reason for the status "invalid".
@@ -274,7 +249,7 @@ def test_twists_and_poses_lead_through_a_wrist_lock(store, tmp_path):
 
 def test_only_timely_commands_that_can_be_followed_move_the_arm(store, tmp_path):
     nan, now = float("nan"), time.time
-    with _face(store, tmp_path, *_steered("--ros2=units")) as face:
+    with Face(store, tmp_path, f"{STEERED} --ros2=units") as face:
         face.until("joint_states")
         start = face.rests()
         still = lambda: np.abs(face.rests() - start).max() < 1e-3
@@ -297,10 +272,10 @@ def test_only_timely_commands_that_can_be_followed_move_the_arm(store, tmp_path)
             (PATH, path(point(start + 1, 0)), "it begins 1.00 rad"),
             (PATH, path(point([nan] * 6, 1)), "a NaN"),
         ]
-        for topic, fields, why in refused:
+        for topic, content, why in refused:
             # A sentence a second and topic is said; and on a busy machine a message may be lost.
-            is_said = lambda: face.send(topic, fields) and re.search(rf"/{topic}: refused: .*{re.escape(why)}", face.said())
-            assert wait(is_said, 20), (topic, fields, why, face.said()[-600:])
+            is_said = lambda: face.send(topic, content) and re.search(rf"/{topic}: refused: .*{re.escape(why)}", face.said())
+            assert wait(is_said, 20), (topic, content, why, face.said()[-600:])
         # Servo's service: each of its three types is granted, another one is not.
         for command_type, success in ((1, True), (2, True), (9, False)):
             face.send("servo_node/switch_command_typeRequest", (7, command_type, command_type))
@@ -327,7 +302,7 @@ def test_only_timely_commands_that_can_be_followed_move_the_arm(store, tmp_path)
 
 
 def test_joints_jog_and_follow_a_table(store, tmp_path):
-    with _face(store, tmp_path, *_steered("--ros2")) as face:
+    with Face(store, tmp_path, f"{STEERED} --ros2") as face:
         face.until("joint_states")
         start = face.rests()
         # Without units, 1.0 is 0.5 rad/s.
@@ -355,7 +330,7 @@ def test_joints_jog_and_follow_a_table(store, tmp_path):
 
 @pytest.mark.parametrize("mode", ["lockstep", "realtime"])
 def test_each_side_may_be_killed_and_stopped(mode, store, tmp_path):
-    with _face(store, tmp_path, *_steered("--ros2=units,rate=500", "--mode", mode)) as face:
+    with Face(store, tmp_path, f"{STEERED} --ros2=units,rate=500 --mode {mode}") as face:
         face.until("joint_states")
         face.send(TWIST, twist([0.05, 0, 0]), seconds=0.5)
         face.messages("robot_description")
@@ -375,18 +350,18 @@ def test_each_side_may_be_killed_and_stopped(mode, store, tmp_path):
         assert face.until("diagnostics", lambda one: ticks(one) > before + 1000)
         # Its sender killed, the arm rests; the next one steers it.
         face.peer.stop()
-        face.peer = Peer(face.domain)
+        face.peer = Peer()
         face.until("joint_states")
         assert face.moves(-0.05) < 0
         # The launcher's death ends everything.
         face.process.kill()
         assert wait(lambda: face.pid() is None, 30)
     # A killed launcher leaves this in shared memory.
-    subprocess.run([_program(), "clean"], check=True, capture_output=True)
+    assert ended(f"{_program()} clean").returncode == 0
 
 
 def test_a_run_on_its_path_has_the_clock_of_its_ticks(store, tmp_path):
-    with _face(store, tmp_path, "run", "fig5-wrist-rotation", "--ros2=clock,rate=100") as face:
+    with Face(store, tmp_path, "run fig5-wrist-rotation --ros2=clock,rate=100") as face:
         last = face.until("clock", lambda one: one.clock.sec >= 1, seconds=60)
         assert last.clock.nanosec % 10_000_000 == 0
         assert face.process.wait(60) == 0
@@ -396,6 +371,6 @@ def test_a_run_on_its_path_has_the_clock_of_its_ticks(store, tmp_path):
 
 
 def test_what_cannot_be_had_is_said_before_the_start(tmp_path):
-    for words, why in [(["--ros2=rate=0"], "rate=0"), (["--ros2=cloc"], "no option 'cloc'")]:
-        done = subprocess.run([_program(), "servo", "ur5", *words], cwd=tmp_path, capture_output=True, text=True)
+    for word, why in [("--ros2=rate=0", "rate=0"), ("--ros2=cloc", "no option 'cloc'")]:
+        done = ended(f"{_program()} servo ur5 {word}", cwd=tmp_path)
         assert done.returncode == 2 and why in done.stderr and not list(tmp_path.glob("runs/*"))
