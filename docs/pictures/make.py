@@ -63,6 +63,17 @@ def sheet(parts, columns):
     return whole
 
 
+def animated(frames, path, durations_ms, width):
+    """Saves pictures as one that moves, in this width."""
+    frames = [frame.resize((width, width * frame.height // frame.width), Image.Resampling.LANCZOS) for frame in frames]
+    # One palette for all, made of several: the background stays as it is from frame to frame and packs well.
+    palette = packed(sheet(frames[:: max(1, len(frames) // 6)], 1), colours=128)
+    first, *others = [packed(frame, palette) for frame in frames]
+    first.save(path, save_all=True, append_images=others, duration=durations_ms, loop=0, optimize=True)
+    if path.stat().st_size > 3_000_000:
+        sys.exit(f"{path} has {path.stat().st_size} bytes; 3 MB are the most")
+
+
 def named(part, words):
     """A shot for a sheet of many: small, with its scenario's name."""
     small = part.resize(CELL, Image.Resampling.LANCZOS)
@@ -88,15 +99,8 @@ def animation(program, name, scratch):
     with Viewer(recording(program, asked["run"], scratch / name), WINDOW) as viewer:
         for seconds in np.arange(asked["from_s"], asked["to_s"], asked["speed"] / RATE):
             viewer.at(seconds)
-            frame = cropped(viewer.picture(), asked["part"])
-            frames.append(frame.resize((WIDTH, WIDTH * frame.height // frame.width), Image.Resampling.LANCZOS))
-    # One palette for all, made of several: the background stays as it is from frame to frame and packs well.
-    palette = packed(sheet(frames[:: max(1, len(frames) // 6)], 1), colours=128)
-    frames = [packed(frame, palette) for frame in frames]
-    path, hold = DOCS / name, [1000 // RATE] * (len(frames) - 1) + [1500]
-    frames[0].save(path, save_all=True, append_images=frames[1:], duration=hold, loop=0, optimize=True)
-    if path.stat().st_size > 3_000_000:
-        sys.exit(f"{path} has {path.stat().st_size} bytes; 3 MB are the most")
+            frames.append(cropped(viewer.picture(), asked["part"]))
+    animated(frames, DOCS / name, [1000 // RATE] * (len(frames) - 1) + [1500], WIDTH)
 
 
 def figure(program, name, scratch):

@@ -6,17 +6,14 @@
 Needs the Python package with its extra [play], what python/tests/requirements.txt names, Chromium, and Pillow.
 """
 
-import io
 import pathlib
 import sys
 import tempfile
 import time
 
 import numpy as np
-from PIL import Image
-from playwright.sync_api import sync_playwright
 
-from make import DOCS, packed, sheet
+from make import DOCS, animated, cropped, packed
 
 sys.path.insert(0, str(DOCS.parent / "python/tests"))
 import test_play
@@ -34,26 +31,20 @@ def way():
 
 
 def main():
-    options = "--no-sandbox --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader".split()
-    with tempfile.TemporaryDirectory() as folder, sync_playwright() as engine:
-        browser = engine.chromium.launch(executable_path=test_play.CHROMIUM, args=options)
+    with tempfile.TemporaryDirectory() as folder, test_play.chromium() as browser:
         play = test_play.Play(pathlib.Path(folder), "puma560", browser)
         page = play.open(WINDOW, 1)
         x, y = play.take(page)
-        frames, farthest = [], None
-        for k, (dx, dy) in enumerate(way()):
+        frames = []
+        for dx, dy in way():
             page.mouse.move(x + dx, y + dy)
             time.sleep(PAUSE_S)
-            frames.append(Image.open(io.BytesIO(page.screenshot(timeout=test_play.PATIENCE_MS))).convert("RGB"))
-            farthest = frames[-1] if k == sum(COUNTS[:2]) - 1 else farthest
+            frames.append(cropped(page.screenshot(timeout=test_play.PATIENCE_MS)))
         page.mouse.up()
-        browser.close()
         play.nothing_is_left()
-    packed(farthest).save(DOCS / "play.png", optimize=True)
-    small = [frame.resize((WIDTH, WIDTH * frame.height // frame.width), Image.Resampling.LANCZOS) for frame in frames]
-    palette = packed(sheet(small[::8], 1), colours=128)
-    first, *others = [packed(frame, palette) for frame in small]
-    first.save(DOCS / "play.gif", save_all=True, append_images=others, duration=SHOWN_MS, loop=0, optimize=True)
+    # The farthest one.
+    packed(frames[sum(COUNTS[:2]) - 1]).save(DOCS / "play.png", optimize=True)
+    animated(frames, DOCS / "play.gif", SHOWN_MS, WIDTH)
 
 
 if __name__ == "__main__":

@@ -3,12 +3,13 @@
 
     docs/pictures/shown.py OUT.png armplane view RUN --layout timing
 
-Needs what viewer.py names, and Pillow.
+Needs what viewer.py names, Pillow and numpy.
 """
 
 import io
 import sys
 
+import numpy as np
 from PIL import Image
 
 from viewer import Viewer
@@ -24,10 +25,8 @@ def main():
     with Viewer(through=command) as viewer:
         picture = Image.open(io.BytesIO(viewer.picture())).convert("RGB")
     picture.save(path)
-    pane = picture.crop(PANE)
-    pixels = [pane.getpixel((x, y)) for x in range(0, pane.width, 3) for y in range(0, pane.height, 3)]
-    ground = sum(max(pixel) < BRIGHTEST and max(pixel) - min(pixel) > SPREAD for pixel in pixels)
-    print(f"{ground / len(pixels):.3f}")
+    pixels = np.asarray(picture.crop(PANE))
+    print(f"{np.mean((pixels.max(axis=2) < BRIGHTEST) & (np.ptp(pixels, axis=2) > SPREAD)):.3f}")
 
 
 if __name__ == "__main__":

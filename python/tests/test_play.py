@@ -2,8 +2,6 @@
 
 import asyncio
 import functools
-import importlib.util
-import json
 import os
 import queue
 import re
@@ -14,17 +12,21 @@ import sys
 import time
 import urllib.error
 import urllib.request
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import armplane
 import numpy as np
+import pandas
 import processes
 import pytest
 from numpy.linalg import norm
-from processes import having
+from processes import ended, having
+
+pytest.importorskip("viser"), pytest.importorskip("mcap")
+playwright = pytest.importorskip("playwright.sync_api")
 
 CHROMIUM = "/usr/bin/chromium"
 # Vertical field of view of the page's camera, rad.
@@ -35,9 +37,6 @@ SCALE = 0.5
 # A machine may be so busy that everything takes as long; whoever waits for a condition gives up after that, s and ms.
 PATIENCE = 300
 PATIENCE_MS = 1000 * PATIENCE
-MISSING = [name for name in ("viser", "playwright", "mcap") if importlib.util.find_spec(name) is None]
-needs_viser = pytest.mark.skipif("viser" in MISSING, reason="viser is not installed: pip install 'armplane[play]'")
-needs_browser = pytest.mark.skipif(bool(MISSING) or not os.path.exists(CHROMIUM), reason=f"needs {CHROMIUM}; missing in Python: {MISSING or 'nothing'}")
 WIRE = armplane.wire
 wait = functools.partial(processes.wait, seconds=PATIENCE)
 # In the page: when the mouse was moved, and when the page learnt of it; in the worker that reads the WebSocket: when messages arrived. In ms since 1970, with
@@ -97,12 +96,12 @@ class Play:
         page.goto(self.address)
         # viser's warning of the software renderer lies over the picture.
         page.add_style_tag(content=".mantine-Notifications-root { display: none }")
-        self.until(page, lambda state: len(state["places"]) > 1)
+        self.until(page, "state.places.length > 1")
         if self.pages == 0:
             # It would set off while a slow browser draws.
             _press(page.get_by_label("tour when idle"))
         self.pages += 1
-        self.until(page, lambda state: state["mode"] != "tour")
+        self.until(page, "state.mode !== 'tour'")
         return page
 
     def measure(self, page):
@@ -125,32 +124,25 @@ class Play:
         time.sleep(1)
         page.mouse.up()
         moves, updates = page.evaluate("[moves, all]")
-        times, place, places = np.array([at for at, _ in updates]), {}, []
-        for _, links in updates:
-            place = {**place, **{name: np.array(position) for name, position in links.items()}}
-            places.append(place)
+        places = pandas.DataFrame([{(name, axis): x for name, at in links.items() for axis, x in enumerate(at)} for _, links in updates])
+        times, places = np.array([at for at, _ in updates]), places.ffill().to_numpy()
         delays = []
         for event, known in moves[:6]:
-            k = np.searchsorted(times, event) - 1
-            moved = lambda i: max(norm(places[i][name] - at) for name, at in places[k].items())
-            delays.append(next(times[i] for i in range(k + 1, len(times)) if moved(i) > 2e-4) - np.array([event, known]))
-        return 1000 * (len(times) - 1) / (times[-1] - times[0]), *np.median(delays, axis=0)
+            k = np.searchsorted(times, event)
+            has_moved = np.abs(places[k:] - places[k - 1]).max(axis=1) > 2e-4
+            delays.append(times[k:][has_moved][0] - np.array([event, known]))
+        return 1000 * (len(times) - 1) / np.ptp(times), *np.median(delays, axis=0)
 
-    def until(self, page, wanted, seconds=PATIENCE):
-        """The page's state, as soon as it is as wanted."""
-        states = []
-
-        def find():
-            states.append(json.loads(page.locator(".ap").get_attribute("data-state")))
-            self.runs.add(states[-1]["run"])
-            return wanted(states[-1])
-
-        assert wait(find, seconds=seconds), json.dumps(states[-1])
-        return states[-1]
+    def until(self, page, wanted="true", seconds=PATIENCE):
+        """The page's `state`, as soon as it is as wanted, in the words of JavaScript."""
+        script = f"() => {{ const state = JSON.parse(document.querySelector('.ap')?.dataset.state ?? null); return state && ({wanted}) && state }}"
+        state = page.wait_for_function(script, timeout=1000 * seconds, polling=50).json_value()
+        self.runs.add(state["run"])
+        return state
 
     def grip(self, page):
         """Where the ball is on the screen, as soon as the browser has the camera where it follows the hand to."""
-        state = self.until(page, lambda state: state["camera"])
+        state = self.until(page, "state.camera")
         eye, look, target = (np.array(at) for at in (*state["camera"], state["target"]))
         forward = (look - eye) / norm(look - eye)
         right = np.cross(forward, [0, 0, 1])
@@ -168,13 +160,13 @@ class Play:
             page.mouse.move(x, y)
             page.mouse.down()
             page.mouse.move(x + 10, y)
-            with suppress(AssertionError):
-                self.until(page, lambda state: state["mode"] == "hand", 20)
+            with suppress(playwright.TimeoutError):
+                self.until(page, "state.mode === 'hand'", 20)
                 return x, y
             page.mouse.up()
         raise AssertionError("the ball was not taken")
 
-    def drag(self, page, way, wanted=lambda state: True):
+    def drag(self, page, way, wanted="true"):
         """Takes the ball and leads it along a way of pixels; the state at its end, as wanted, before it is let go."""
         x, y = self.take(page)
         for dx, dy in way:
@@ -186,12 +178,12 @@ class Play:
 
     def go(self, page, name):
         """To a posture by its button."""
-        before = self.until(page, lambda _: True)["arrivals"]
+        before = self.until(page)["arrivals"]
         for _ in range(PATIENCE // 60):
             # A slow browser may have put another button in its place meanwhile.
             _press(page.get_by_role("button", name=name, exact=True))
-            with suppress(AssertionError):
-                return self.until(page, lambda state: state["arrivals"] > before, 60)
+            with suppress(playwright.TimeoutError):
+                return self.until(page, f"state.arrivals > {before}", 60)
         raise AssertionError(f"never at {name}")
 
     def save(self, page):
@@ -200,51 +192,46 @@ class Play:
         page.get_by_text(f"-{self.saved:03}/scenario.toml").wait_for(state="attached")
         return armplane.load(next(self.folder.glob(f"runs/*-{self.saved:03}")))
 
-    def descendants(self):
-        """Process ids of the page and its runs: they and nobody else have its folder for temporary files."""
-        return having(f"TMPDIR={self.temporary}")
+    def processes(self, word=""):
+        """Ids of the processes of the page and its runs, with a word among their arguments: they and nobody else have its folder for temporary files."""
+        return having(word, TMPDIR=str(self.temporary))
 
     def launcher(self, but=None):
         """Process id of `armplane servo`, another one than `but`."""
-
-        def find():
-            for pid in self.descendants():
-                with suppress(OSError):
-                    if pid != but and b"\0servo\0" in Path(f"/proc/{pid}/cmdline").read_bytes():
-                        return pid
-            return None
-
-        pid = wait(find)
-        assert pid, "no run"
-        return pid
+        return wait(lambda: [pid for pid in self.processes("servo") if pid != but])[0]
 
     def nothing_is_left(self):
         """Ends it, and looks for processes, shared memory and temporary files of it."""
         self.process.send_signal(signal.SIGTERM)
         assert self.process.wait(timeout=PATIENCE) in (0, -signal.SIGKILL)
-        assert wait(lambda: not self.descendants())
+        assert wait(lambda: not self.processes())
         assert not list(self.temporary.iterdir())
         assert not [path for run in self.runs for path in Path("/dev/shm").glob(f"{run}*")]
         self.process.stdout.close()
 
 
+@contextmanager
+def chromium():
+    """A headless browser."""
+    options = "--no-sandbox --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader".split()
+    with playwright.sync_playwright() as engine, engine.chromium.launch(executable_path=CHROMIUM, args=options) as browser:
+        yield browser
+
+
 @pytest.fixture
 def browser():
-    from playwright.sync_api import sync_playwright
-
-    options = "--no-sandbox --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader".split()
-    with sync_playwright() as engine:
-        chromium = engine.chromium.launch(executable_path=CHROMIUM, args=options)
-        yield chromium
-        chromium.close()
+    if not os.path.exists(CHROMIUM):
+        pytest.skip(f"there is no {CHROMIUM}")
+    with chromium() as browser:
+        yield browser
 
 
 @pytest.fixture
-def play(tmp_path, request):
+def play(tmp_path, browser):
     made = []
 
     def start(subject):
-        made.append(Play(tmp_path, subject, request.getfixturevalue("browser")))
+        made.append(Play(tmp_path, subject, browser))
         return made[-1]
 
     yield start
@@ -257,7 +244,6 @@ def _circle(radius, count=60):
     return [(radius * np.sin(a), radius * 0.7 * np.sin(2 * a)) for a in angles]
 
 
-@needs_browser
 @pytest.mark.parametrize("robot", ["puma560", "ur5", "panda"])
 def test_a_hand_is_dragged_through_locks(play, robot):
     one = play(robot)
@@ -291,7 +277,6 @@ def _judge(run, lock):
     assert longest < 300, f"stands still for {longest} ms and gives no reason"
 
 
-@needs_browser
 def test_a_saved_run_repeats_itself(play, tmp_path):
     one = play("puma560")
     page = one.open()
@@ -304,7 +289,6 @@ def test_a_saved_run_repeats_itself(play, tmp_path):
         assert [first[name].tobytes() for name in first.dtype.names if name != "header"] == [second[name].tobytes() for name in first.dtype.names if name != "header"]
 
 
-@needs_browser
 def test_one_steers_and_others_watch(play):
     one = play("ur5")
     first, second = one.open(), one.open()
@@ -313,44 +297,41 @@ def test_one_steers_and_others_watch(play):
     first.get_by_text("You steer").wait_for(state="attached")
     second.get_by_text("Somebody else steers").wait_for(state="attached")
     _press(second.get_by_role("button", name="wrist", exact=True))
-    assert one.until(second, lambda state: state["refused"] > 0)["mode"] == "hand"
+    assert one.until(second, "state.refused > 0")["mode"] == "hand"
     # It is closed while it drags: the arm rests, and the second one steers, even after it is loaded again.
     first.close()
-    one.until(second, lambda state: state["mode"] == "hold")
+    one.until(second, "state.mode === 'hold'")
     one.go(second, "wrist")
     second.reload()
-    assert one.until(second, lambda state: state["nearest"] < 1)["robot"] == "ur5"
+    assert one.until(second, "state.nearest < 1")["robot"] == "ur5"
     second.close()
 
 
-@needs_browser
 def test_a_killed_controller_is_replaced(play):
     one = play("puma560")
     page = one.open()
     one.go(page, "start")
     _press(page.get_by_role("button", name="kill controller"))
     page.get_by_text("SIGKILL").wait_for(state="attached")
-    before = np.array(one.until(page, lambda _: True)["hand"])
-    one.drag(page, [(0, -5 * k) for k in range(20)], lambda state: norm(np.array(state["hand"]) - before) > 0.005)
+    before = one.until(page)["hand"]
+    one.drag(page, [(0, -5 * k) for k in range(20)], f"Math.hypot(...state.hand.map((at, axis) => at - {before}[axis])) > 0.005")
     # Killed with its browser open, the page leaves nothing behind, as the fixture checks.
     one.process.kill()
 
 
-@needs_browser
 def test_a_controller_of_others_races(play):
     pytest.importorskip("jparse_robotics")
     one = play("panda")
     page = one.open()
     page.get_by_label("race against").click()
     _press(page.get_by_role("option", name="j_parse"))
-    one.until(page, lambda state: state["ghost"])
+    one.until(page, "state.ghost")
     one.go(page, "wrist")
     one.drag(page, _circle(60, 20))
     page.get_by_text("j_parse: largest speed").wait_for(state="attached")
-    assert one.until(page, lambda _: True)["ghost"]
+    assert one.until(page)["ghost"]
 
 
-@needs_viser
 def test_a_killed_run_is_followed_by_another_and_a_killed_page_leaves_nothing(tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as owner:
         taken = owner.getsockname()[1]
@@ -365,7 +346,6 @@ def test_a_killed_run_is_followed_by_another_and_a_killed_page_leaves_nothing(tm
         one.nothing_is_left()
 
 
-@needs_viser
 def test_a_full_disk_is_told_in_a_sentence_and_keeps_no_half_run(tmp_path, monkeypatch):
     from armplane.play import session
 
@@ -388,7 +368,6 @@ SLIDES = """<robot name="slides"><link name="base"/>
 <joint name="end" type="fixed"><parent link="b"/><child link="tip"/><origin xyz="0.4 0 0"/></joint></robot>"""
 
 
-@needs_viser
 def test_a_new_run_begins_where_the_arm_stands_also_on_a_rail(tmp_path, monkeypatch):
     from armplane.play.session import standing
     from armplane.results import _program
@@ -398,13 +377,12 @@ def test_a_new_run_begins_where_the_arm_stands_also_on_a_rail(tmp_path, monkeypa
     Path("slides.toml").write_text('default_frame = "tip"\nlength_m = 0.4\ntask = ["x", "y"]\n')
     (tmp_path / "room").mkdir()
     file = standing(tmp_path / "room", "slides.urdf", np.array([0.2, 0.05]))
-    said = subprocess.run([_program(), "servo", file, "--from=-", "--out=run"], input="twist, base, 0.2, 0.02 0 0 0 0 0\nend\n", capture_output=True, text=True)
+    said = ended(f"{_program()} servo {file} --from=- --out=run", input="twist, base, 0.2, 0.02 0 0 0 0 0\nend\n")
     run = armplane.load(tmp_path / "run")
     assert said.returncode == 0, said.stderr
     assert run.summary["joints"]["q_start"] == pytest.approx([0.2, 0.05], abs=1e-6)
 
 
-@needs_viser
 def test_strangers_are_refused_on_every_address(tmp_path):
     one = Play(tmp_path, "puma560", options="--host 0.0.0.0")
     port, token = re.search(r":(\d+)/\?token=(\S+)", one.address).groups()
@@ -422,13 +400,11 @@ def test_strangers_are_refused_on_every_address(tmp_path):
     one.nothing_is_left()
 
 
-@needs_viser
 def test_a_wrong_name_is_said_before_any_address(tmp_path):
-    said = subprocess.run([sys.executable, "-m", "armplane.play", "nobody"], cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE)
-    assert said.returncode == 1 and "http" not in said.stdout and "nobody" in said.stderr
+    said = ended(f"{sys.executable} -m armplane.play nobody", cwd=tmp_path)
+    assert said.returncode == 2 and "http" not in said.stdout and "nobody" in said.stderr
 
 
-@needs_viser
 def test_the_door_is_shut_for_strangers():
     from armplane.play.door import refusal
 
@@ -452,7 +428,6 @@ ARM = """<robot name="arm"><link name="base"/><joint name="one" type="revolute">
 <joint name="three" type="revolute"><parent link="c"/><child link="d"/></joint><link name="d"/></robot>"""
 
 
-@needs_viser
 def test_an_arm_is_drawn_from_its_file_and_what_is_lacking_is_told(tmp_path):
     from armplane.play.body import Body
     from armplane.play.robot import links
@@ -471,7 +446,6 @@ def test_an_arm_is_drawn_from_its_file_and_what_is_lacking_is_told(tmp_path):
     assert "none.stl" in body.lacking
 
 
-@needs_viser
 @pytest.mark.parametrize("aspect", [1.5, 0.46])
 def test_the_camera_follows_hand_and_ball_but_no_person(aspect):
     from armplane.play import scene
@@ -496,7 +470,6 @@ def test_the_camera_follows_hand_and_ball_but_no_person(aspect):
     assert not one.is_sent(1, camera.position + 0.1)
 
 
-@needs_viser
 def test_a_browser_changes_only_what_is_offered_and_only_while_it_steers():
     """viser takes any value from any browser: it is put back where the page does not offer it, or the browser may not."""
     from armplane.play.page import Page
