@@ -229,14 +229,12 @@ class World:
 
     def _take_off_forces(self, has_friction):
         """The robot's model knows neither springs nor gravity compensation; friction acts where the scenario says so."""
-        off = []
-        if self._zero(("body_gravcomp",), self.tree):
-            off.append("gravity compensation")
-        if self._zero(("jnt_stiffness", "jnt_stiffnesspoly"), self.joints):
-            off.append("springs")
-        if not has_friction and self._zero(("dof_damping", "dof_dampingpoly", "dof_frictionloss"), self.dofs):
-            off.append("damping and dry friction (plant.friction = false)")
-        if off:
+        forces = {
+            "gravity compensation": (("body_gravcomp",), self.tree),
+            "springs": (("jnt_stiffness", "jnt_stiffnesspoly"), self.joints),
+            "damping and dry friction (plant.friction = false)": ((() if has_friction else ("dof_damping", "dof_dampingpoly", "dof_frictionloss")), self.dofs),
+        }
+        if off := [force for force, where in forces.items() if self._zero(*where)]:
             self.said.append(f"without {', '.join(off)} of its joints")
 
     def _compare_with_model(self):
@@ -290,19 +288,16 @@ class World:
         return self.data.qvel[self.dofs]
 
     def step(self, tau):
-        """One tick under the torques `tau`; N·m. `None`: the brakes hold the arm."""
-        m, d = self.model, self.data
-        if tau is None:
-            q = self.q
-            for _ in range(self.substeps):
-                mujoco.mj_step(m, d)
+        """One tick under the torques `tau`, N·m, and the wrench of the surfaces at the beginning of each sub-step. `None`: the brakes hold the arm."""
+        d, q = self.data, self.q
+        for _ in range(self.substeps):
+            if tau is not None:
+                d.qfrc_applied[self.dofs] = tau + (self.arm.jacobian().T @ self.pressed()[1] if self.surfaces else 0)
+            mujoco.mj_step(self.model, d)
+            if tau is None:
                 d.qpos[self.qpos], d.qvel[self.dofs] = q, 0
-        else:
-            d.qfrc_applied[self.dofs] = tau
-            if self.surfaces:
-                self._press(tau)
-            else:
-                mujoco.mj_step(m, d, self.substeps)
+            elif self.surfaces:
+                self.arm.move_to(self.q, self.qdot)
         if any(d.warning[bad].number for bad in _BAD):
             raise RuntimeError(f"MuJoCo's simulation left the finite numbers at {d.time:.3f} s: more sub-steps (plant.substeps), or a softer scene")
         self.arm.move_to(self.q, self.qdot)
@@ -315,13 +310,6 @@ class World:
             touched |= surfaces
             wrench += np.concatenate([force, np.cross(lever, force)]) / len(self.touching)
         return len(touched), wrench
-
-    def _press(self, tau):
-        """The tick's sub-steps, each under the force of the surfaces at its beginning."""
-        for _ in range(self.substeps):
-            self.data.qfrc_applied[self.dofs] = tau + self.arm.jacobian().T @ self.pressed()[1]
-            mujoco.mj_step(self.model, self.data)
-            self.arm.move_to(self.q, self.qdot)
 
     def state(self):
         state = np.zeros(mujoco.mj_stateSize(self.model, _ALL))
