@@ -17,13 +17,13 @@ __path__ = extend_path(__path__, __name__)
 
 from . import wire
 from .joined import Joined, ProcessError
-from .lazy import found
+from .lazy import lazily
 from .process import Controller, Observer, Operator, Plant, Process
 from .results import Run, extra, load, run
 
 _PLACES = {"_armplane": ("Arm", "Law", "LawState", "Posture", "Reference", "Singularity"), "trials": ("laws", "lines", "trace", "trial")}
-
-__all__ = ["Controller", "Joined", "Observer", "Operator", "Plant", "Process", "ProcessError", "Run", "load", "run", "subscribe", "wire", *sum(_PLACES.values(), ())]
+_names, _found = lazily(__name__, _PLACES)
+__all__ = ["Controller", "Joined", "Observer", "Operator", "Plant", "Process", "ProcessError", "Run", "load", "run", "subscribe", "wire", *_names]
 __dir__ = lambda: __all__
 
 
@@ -38,6 +38,6 @@ def subscribe(topic, run=None):
 def __getattr__(name):
     # A process of a run needs neither numpy nor the extension module, and starts in milliseconds without them.
     try:
-        return found(__name__, _PLACES, name)
+        return _found(name)
     except ImportError as error:
         raise ImportError(f"armplane.{name} is part of the wheel that `python/build` makes (docs/python.md): {error}") from error

@@ -3,9 +3,13 @@
 import importlib
 
 
-def found(package, places, name):
-    """A name of a package; `places`: the names in each of its modules. For the package's `__getattr__`."""
-    module = next((module for module, names in places.items() if name in names), None)
-    if module is None:
-        raise AttributeError(f"module {package!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f".{module}", package), name)
+def lazily(package, places):
+    """`__all__` and `__getattr__` of a package; `places`: the names in each of its modules."""
+
+    def found(name):
+        module = next((module for module, names in places.items() if name in names), None)
+        if module is None:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        return getattr(importlib.import_module(f".{module}", package), name)
+
+    return [*sum(places.values(), ())], found

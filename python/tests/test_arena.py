@@ -2,7 +2,6 @@
 
 import json
 import pathlib
-import subprocess
 import sys
 
 import armplane
@@ -12,6 +11,9 @@ from armplane.arena import __main__ as program
 from armplane.arena import tasks
 from armplane.arena.__main__ import after_delay
 from armplane.results import _program
+from processes import ended
+
+pytest.importorskip("mujoco")
 
 TASK = """name = "short"
 robot = "ur5"
@@ -68,14 +70,13 @@ writes = ["control_state", "torque"]
 
 
 def compare(folder, arguments, code=0):
-    done = subprocess.run([_program(), *f"compare {arguments} --out {folder} --json".split()], capture_output=True, text=True)
+    done = ended(f"{_program()} compare {arguments} --out {folder} --json")
     assert done.returncode == code, done.stderr
     return json.loads(done.stdout)["scenarios"][0]["laws"]
 
 
 @pytest.fixture
 def task(tmp_path):
-    pytest.importorskip("mujoco")
     path = tmp_path / "short.toml"
     path.write_text(TASK)
     return str(path)
@@ -104,12 +105,13 @@ def test_a_home_made_opponent_enters_the_table_with_the_same_bytes_twice(tmp_pat
     assert compare(tmp_path / "b", f"{task} --law mine={tmp_path}/mine.py")[0]["hash"] == laws[1]["hash"]
 
 
-@pytest.mark.parametrize("file", program.OPPONENTS, ids=lambda file: file.stem)
-def test_an_installed_opponent_ends_an_easy_path_with_the_same_bytes_twice(tmp_path, task, file):
+@pytest.mark.parametrize("name", program.OPPONENTS)
+def test_an_installed_opponent_ends_an_easy_path_with_the_same_bytes_twice(tmp_path, task, name):
+    file = program.OPPONENTS[name]
     reason, _ = program.asked_file(file, {})
     if reason:
         pytest.skip(reason)
-    first, second = (compare(tmp_path / run, f"{task} --law {file.stem}={file}")[0] for run in "ab")
+    first, second = (compare(tmp_path / run, f"{task} --law {name}={file}")[0] for run in "ab")
     assert first["completed"] and first["orthogonal_max_deg"] < 5.0 and first["hash"] == second["hash"]
 
 
@@ -144,7 +146,6 @@ class Presser(armplane.arena.Torque):
 
 @pytest.mark.parametrize("plant", ["", "--plant mujoco"])
 def test_an_opponent_presses_and_one_that_cannot_is_not_run(tmp_path, plant):
-    pytest.importorskip("mujoco")
     for name in ("True", "False"):
         (tmp_path / f"{name}.py").write_text(PRESSER.replace("{presses}", name))
     laws = compare(tmp_path / "a", f"wipe-through-wrist-lock {plant} --law presses={tmp_path}/True.py,not={tmp_path}/False.py", 1)
@@ -163,7 +164,7 @@ def test_a_surface_is_approached_and_its_force_waited_for(of_tool):
         axis, R = np.array([0.0, 0, -1]), np.diag([1.0, -1, -1])
         asked = {"axis": R @ axis if of_tool else axis, "of_tool": of_tool, "newtons": 10.0, "stiffness_n_m": 1e4, "until_newtons": None, "ramp_s": 0.3} | asked
         while ticks == 0 or pressing.waits:
-            ref = Reference(np.eye(4), np.ones(6), np.ones(6), 0, False)
+            ref = Reference(np.eye(3), np.zeros(3), np.ones(6), np.ones(6))
             pressing.take(ref, asked, R, np.array([0, 0, z]), -axis * 1e4 * max(0.0, surface - z))
             speed = 0 if ref.force else -asked["approach_m_s"]
             assert np.allclose(ref.V, [1, 1, speed, 1, 1, 1]) and ref.a[2] == 0
@@ -212,7 +213,7 @@ def test_an_opponent_cannot_write_its_score_or_its_task(tmp_path):
 
 
 def arena(folder, asked):
-    return subprocess.run([_program(), *f"arena --size short --robot ur5 --out {folder} --jobs 2 {asked}".split()], capture_output=True, text=True)
+    return ended(f"{_program()} arena --size short --robot ur5 --out {folder} --jobs 2 {asked}")
 
 
 def rows_of(folder):
@@ -220,7 +221,6 @@ def rows_of(folder):
 
 
 def test_the_arena_runs_continues_and_repeats_itself(tmp_path):
-    pytest.importorskip("mujoco")
     (tmp_path / "mine.py").write_text(HOME_MADE)
     laws = f"--law armplane --law mine={tmp_path}/mine.py --law absent={tmp_path}/absent.py"
     (tmp_path / "absent.py").write_text("import no_such_package\n")
@@ -258,7 +258,6 @@ FAILING = HOME_MADE + """
 
 @pytest.mark.parametrize("how, why", [("1 / 0", "ZeroDivisionError"), ("__import__('os')._exit(3)", "ended"), ("__import__('time').sleep(1000)", "within 3 s")])
 def test_an_opponent_that_fails_has_another_process_for_its_next_run(tmp_path, how, why):
-    pytest.importorskip("mujoco")
     (tmp_path / "failing.py").write_text(FAILING.replace("{how}", how))
     done = arena(tmp_path / "a", f"--lines 1 --jobs 1 --join-limit 3 --law failing={tmp_path}/failing.py")
     assert done.returncode == 0, done.stderr
@@ -268,7 +267,6 @@ def test_an_opponent_that_fails_has_another_process_for_its_next_run(tmp_path, h
 
 
 def test_tracks_and_variations_are_rows_of_their_own(tmp_path):
-    pytest.importorskip("mujoco")
     (tmp_path / "mine.py").write_text(HOME_MADE)
     done = arena(tmp_path / "a", f"--lines 1 --law armplane --law mine={tmp_path}/mine.py --tracks --varied")
     assert done.returncode == 0, done.stderr

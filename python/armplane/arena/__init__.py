@@ -13,16 +13,13 @@ Twists are `[linear; angular]` in base axes, SI units throughout. docs/arena.md 
 
 from pathlib import Path
 
-from ..lazy import found
+from ..lazy import lazily
 
-# The files of the controllers of others.
-OPPONENTS = sorted((Path(__file__).parents[1] / "opponents").glob("[!_]*.py"))
+# The files of the controllers of others, by name.
+OPPONENTS = {path.stem: path for path in sorted((Path(__file__).parents[1] / "opponents").glob("[!_]*.py"))}
 # Conditions under which a task is run.
 GIVEN_CLOCK, OWN_CLOCK, NO_HINTS = "given clock", "own clock", "no hints"
+# The command `armplane arena` needs neither numpy nor MuJoCo to say what is missing.
 _PLACES = {"arm": ("Arm",), "laws": ("Position", "Reference", "Torque", "Velocity"), "pressing": ("Force",)}
-__all__ = ["OPPONENTS", *sum(_PLACES.values(), ())]
-
-
-def __getattr__(name):
-    # The command `armplane arena` needs neither numpy nor MuJoCo to say what is missing.
-    return found(__name__, _PLACES, name)
+__all__, __getattr__ = lazily(__name__, _PLACES)
+__all__.append("OPPONENTS")

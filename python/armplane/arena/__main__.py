@@ -13,7 +13,6 @@ import shlex
 import signal
 import sys
 import tempfile
-import threading
 import time
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -98,14 +97,14 @@ class Entry:
 
 def entries(names):
     """The requested rows (`NAME` or `NAME=FILE.py`, each with `:key=value` for another number), and the reason for each one left out."""
-    found, skipped, known = {}, {}, {path.stem: path for path in OPPONENTS}
-    for text in names or [*DATA["own"], *known]:
+    found, skipped = {}, {}
+    for text in names or [*DATA["own"], *OPPONENTS]:
         head, *pairs = text.split(":")
         settings = {key: _value(value) for key, _, value in (pair.partition("=") for pair in pairs)}
         name, _, file = head.partition("=")
-        title, strategy, is_file = ":".join([name, *pairs]), DATA["strategy"].get(name, name), file or name in known
+        title, strategy, is_file = ":".join([name, *pairs]), DATA["strategy"].get(name, name), file or name in OPPONENTS
         if is_file:
-            file = Path(file or known[name]).resolve()
+            file = Path(file or OPPONENTS[name]).resolve()
             if not file.is_file():
                 refuse(f"there is no file {file}: give the path of an opponent that exists")
             reason, about = asked_file(file, settings)
@@ -116,7 +115,7 @@ def entries(names):
         elif strategy in armplane.laws(all=True):
             entry = Entry(title, strategy, True, settings={**DATA["published"].get(name, {}), **settings})
         else:
-            refuse(f"there is no law {name}: give NAME=FILE.py for a file of yours, or one of {', '.join([*DATA['own'], *known, *armplane.laws()])}")
+            refuse(f"there is no law {name}: give NAME=FILE.py for a file of yours, or one of {', '.join([*DATA['own'], *OPPONENTS, *armplane.laws()])}")
         if title in found:
             refuse(f"two laws are called {title}: give one of them another name, NAME=FILE.py")
         found[title] = entry
@@ -258,9 +257,8 @@ def own_cost(entry, task, folder, more):
 
 def judged(rows):
     """The rows, marked whether the drives accept all their torque steps."""
-    arms = {name: armplane.Arm.builtin(name) for name in armplane.Arm.names()}
     # The largest step in a millisecond that a drive accepts, as a share of that joint's limit.
-    limits = {name: max(rate / 1000 / effort for rate, effort in zip(arm.torque_rate.tolist(), arm.effort.tolist())) for name, arm in arms.items()}
+    limits = {name: float(max(arm.torque_rate / arm.effort)) / 1000 for name in armplane.Arm.names() for arm in [armplane.Arm.builtin(name)]}
     for row in rows:
         row["within_rate"] = row.get("torque_step_max_ratio", float("inf")) <= 1.001 * limits.get(row.get("robot"), 0.05)
     return rows
@@ -318,7 +316,7 @@ class Table:
     """The rows of a folder, which are not run again."""
 
     def __init__(self, folder, more):
-        self.path, self.lock, self.rows, self.more, self.identity = folder / "rows.jsonl", threading.Lock(), {}, more, [identity(), *more]
+        self.path, self.rows, self.more, self.identity = folder / "rows.jsonl", {}, more, [identity(), *more]
         for line in self.path.read_text().splitlines() if self.path.is_file() else []:
             # Not so the last line of an interrupted run.
             with suppress(ValueError, LookupError, TypeError):
@@ -345,32 +343,23 @@ class Table:
 
     def fill(self, cells, jobs):
         """Runs the cells that are missing, on all cores; all rows in the order of the cells."""
-        left = [cell for cell in cells if self.key(*cell) not in self.rows]
-        done, began = 0, time.monotonic()
-
-        def one(cell):
-            nonlocal done
-            row = {**run(*cell, self.more), "key": self.key(*cell)}
-            if CHILDREN.stopped:
-                # It was ended with the arena.
-                return
-            with self.lock:
-                done += 1
-                self.rows[row["key"]] = row
-                with open(self.path, "a") as out:
-                    print(json.dumps(row), file=out)
-                minutes = (time.monotonic() - began) / done * (len(left) - done) / 60
-                why = f" ({row['reason']})" if row["outcome"] in ("failed", "refused", "silent") else ""
-                print(f"{done} of {len(left)}, {minutes:.0f} min left: {row['law']} on {row['task']}, {row['condition']}: {row['outcome']}{why}", file=sys.stderr, flush=True)
-
+        # Law by law: an opponent's process takes one run after another.
+        left, began = sorted((cell for cell in cells if self.key(*cell) not in self.rows), key=lambda cell: cell[0].argument), time.monotonic()
         cores = itertools.cycle(sorted(os.sched_getaffinity(0)))
         # A run's processes inherit the core of the thread that starts them, and take turns on it.
         spread = lambda: os.sched_setaffinity(0, {next(cores)}) if jobs > 1 else None
         with concurrent.futures.ThreadPoolExecutor(jobs, initializer=spread) as pool:
             try:
-                # Law by law: an opponent's process takes one run after another.
-                for future in [pool.submit(one, cell) for cell in sorted(left, key=lambda cell: cell[0].argument)]:
-                    future.result()
+                found = {pool.submit(run, *cell, self.more): self.key(*cell) for cell in left}
+                for done, future in enumerate(concurrent.futures.as_completed(found), 1):
+                    row = {**future.result(), "key": found[future]}
+                    self.rows[row["key"]] = row
+                    with open(self.path, "a") as out:
+                        print(json.dumps(row), file=out)
+                    minutes = (time.monotonic() - began) / done * (len(left) - done) / 60
+                    why = f" ({row['reason']})" if row["outcome"] in ("failed", "refused", "silent") else ""
+                    ended = f"{row['law']} on {row['task']}, {row['condition']}: {row['outcome']}{why}"
+                    print(f"{done} of {len(left)}, {minutes:.0f} min left: {ended}", file=sys.stderr, flush=True)
             except KeyboardInterrupt:
                 CHILDREN.stop()
                 pool.shutdown(cancel_futures=True)

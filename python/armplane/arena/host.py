@@ -49,13 +49,19 @@ PATIENCE = 10
 class Host(armplane.Controller):
     """The process: reference, clock and limits around the law of a file."""
 
+    # The clock's, and the tick in which the path ended.
+    rate, ended = 1.0, None
+
+    def begin(self, scenario):
+        """Loads the law for the arm and as much of the scenario."""
+        self.law, self.times, self.settle = load(sys.argv[1])(), [], scenario["settle_s"]
+        self.law.begin(Arm(self.mjcf()), self.dt, scenario)
+
     def setup(self):
-        self.law = load(sys.argv[1])()
         # What may be varied is not for the law to know.
         known = {key: value for key, value in self.job["scenario"].items() if key not in ("plant", "estimator", "fault", "seed")}
-        self.law.begin(Arm(self.mjcf()), self.dt, known)
+        self.begin(known)
         self.path = armplane.Reference(json.dumps(self.job))
-        self.settle, self.times, self.rate, self.ended = self.job["scenario"]["settle_s"], [], 1.0, None
         self.pressing, self.wrist, name = Pressing(self.dt), self.topics.get("wrist_force"), type(self.law).__name__
         if any(segment.get("force") for segment in known["segment"]):
             if not self.law.presses:
@@ -72,7 +78,8 @@ class Host(armplane.Controller):
         self.path.advance(max(left, 0) if left < by + 1e-9 else by, self.rate, q, qdot, bytes(singularity))
         if self.ended is None and (self.path.done or tick * self.dt > PATIENCE * self.path.duration_s):
             self.ended = tick
-        ref = Reference(self.path.pose, self.path.twist, self.path.acceleration, self.path.leg, self.path.done)
+        pose = self.path.pose
+        ref = Reference(pose[:3, :3], pose[:3, 3], self.path.twist, self.path.acceleration, self.path.leg, self.path.done)
         if self.wrist is not None:
             self.pressing.take(ref, self.path.force, *self.law.arm.pose(q), np.array(self.wrist.force_n))
         began = time.perf_counter_ns()

@@ -16,8 +16,8 @@ class Reference:
 
     force = None
 
-    def __init__(self, pose, V, a, leg, done):
-        self.R, self.p, self.V, self.a, self.leg, self.done = pose[:3, :3], pose[:3, 3], V, a, leg, done
+    def __init__(self, R, p, V, a, leg=0, done=False):
+        self.R, self.p, self.V, self.a, self.leg, self.done = R, p, V, a, leg, done
 
     def lead(self, axis, place, speed):
         """Puts another motion in place of the path's along a unit vector: at `place`, m, with `speed`, m/s."""

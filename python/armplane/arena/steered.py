@@ -6,8 +6,7 @@ import numpy as np
 
 from .. import wire
 from ..rotation import rotation_exp, rotation_log, rotation_of
-from .arm import Arm
-from .host import Host, load
+from .host import Host
 from .laws import Reference, Velocity
 
 # The reference catches up with its target at this rate, 1/s.
@@ -24,13 +23,11 @@ class Steered(Host):
     """The process: a reference that moves to the target within the accelerations of the session, and the law of a file that follows it."""
 
     def setup(self):
-        self.law = load(sys.argv[1])()
-        self.law.begin(Arm(self.mjcf()), self.dt, self.job["scenario"])
+        self.begin(self.job["scenario"])
         if not isinstance(self.law, Velocity):
             raise ValueError(f"{sys.argv[1]}: only controllers that give joint velocities or positions can be steered")
         self.R, self.p = self.law.arm.pose(self.law.arm.start)
-        self.V, self.times, self.ended, self.rate, session = np.zeros(6), [], None, 1.0, self.job["scenario"]["servo"]
-        self.settle = self.job["scenario"]["settle_s"]
+        self.V, session = np.zeros(6), self.job["scenario"]["servo"]
         self.limits = session["acceleration_m_s2"], session["acceleration_rad_s2"]
 
     def control(self, tick, estimate, singularity, state, torque):
@@ -43,8 +40,8 @@ class Steered(Host):
             step = np.clip(wanted - self.law.qdot_d, -ACCELERATION * self.dt, ACCELERATION * self.dt)
             tau = self.law.follow(q, qdot, self.law.qdot_d + step)
             self.R, self.p = self.law.arm.pose(self.law.q_d)
-            self.V, a = self.law.arm.J(self.law.q_d) @ self.law.qdot_d, np.zeros(6)
-            ref = Reference(_pose(self.R, self.p), self.V, a, 0, False)
+            self.V = self.law.arm.J(self.law.q_d) @ self.law.qdot_d
+            ref = Reference(self.R, self.p, self.V, np.zeros(6))
         else:
             ref = self._advance(kind, target, age, singularity)
             tau = self.law.torque(q, qdot, ref)
@@ -68,17 +65,13 @@ class Steered(Host):
         a = np.concatenate([_within(part, most) for part, most in zip((wanted[:3], wanted[3:]), self.limits)])
         self.V = self.V + a * self.dt
         self.p, self.R = self.p + self.V[:3] * self.dt, rotation_exp(self.V[3:] * self.dt) @ self.R
-        return Reference(_pose(self.R, self.p), self.V, a, 0, False)
+        return Reference(self.R, self.p, self.V, a)
 
     def _axes(self, frame, report):
         if frame == wire.FRAME_SINGULAR and report.count:
             nearest = min(report.singularities[: report.count], key=lambda one: abs(one.s) / one.eta_out)
             return np.array(nearest.R_BS).reshape(3, 3).T
         return self.R if frame == wire.FRAME_HAND else np.eye(3)
-
-
-def _pose(R, p):
-    return np.vstack([np.column_stack([R, p]), [0, 0, 0, 1]])
 
 
 if __name__ == "__main__":

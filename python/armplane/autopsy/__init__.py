@@ -7,12 +7,8 @@
 The command is `armplane autopsy LOG --robot ARM` (docs/autopsy.md).
 """
 
-from ..lazy import found
+from ..lazy import lazily
 
+# The command lists its arguments, and says what to install, without numpy and scipy.
 _PLACES = {"causes": ("CAUSES",), "columns": ("ROLES",), "logs": ("LogError",), "robot": ("Robot",), "answer": ("autopsy",)}
-__all__ = sum(_PLACES.values(), ())
-
-
-def __getattr__(name):
-    # The command lists its arguments, and says what to install, without numpy and scipy.
-    return found(__name__, _PLACES, name)
+__all__, __getattr__ = lazily(__name__, _PLACES)

@@ -5,7 +5,7 @@
     experiments.figures("figures")
 """
 
-from ..lazy import found
+from ..lazy import lazily
 from ..results import extra
 
 _PLACES = {
@@ -14,11 +14,11 @@ _PLACES = {
     "studies": ("compare", "compare_plot", "race", "singular_lines", "steered"),
     "sweeps": ("Range", "lack", "read", "sweep"),
 }
-__all__ = sum(_PLACES.values(), ())
+__all__, _found = lazily(__name__, _PLACES)
 __dir__ = lambda: __all__
 
 
 def __getattr__(name):
     # The command imports this package before it can say what is to be installed.
     with extra("experiments"):
-        return found(__name__, _PLACES, name)
+        return _found(name)

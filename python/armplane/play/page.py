@@ -17,11 +17,12 @@ import numpy as np
 import viser
 
 from .. import Arm, laws
+from ..arena import OPPONENTS
 from ..results import _next_folder
 from . import door, panel
 from .hand import Hand
 from .scene import Scene
-from .session import FILES, Session
+from .session import Session
 
 RATE_HZ = 40
 # So long nobody touches the page before the arm goes on tour, s.
@@ -90,7 +91,7 @@ class Page:
             arms = [name for name in Arm.names() if not name.startswith("planar")]
             self.arms = gui.add_dropdown("arm", arms)
             self.laws = gui.add_dropdown("law", laws())
-            self.rivals = gui.add_dropdown("race against", [NOBODY, *laws(), *FILES])
+            self.rivals = gui.add_dropdown("race against", [NOBODY, *laws(), *OPPONENTS])
         with gui.add_folder("Faults"):
             faults = gui.add_button_group("inject", tuple(FAULTS), hint=HINT)
         self.joints = gui.add_folder("Joints", expand_by_default=False)

@@ -22,10 +22,12 @@ from ..joined import Joined, ProcessError
 from ..results import _program
 from .robot import Robot
 
+# A run that a killed page has not joined ends after a minute.
 GRAPH = """extends = "servo"
 [[process]]
 name = "page"
 external = true
+join_limit_s = 60
 reads = ["plant_state", "singularity", "servo_state", "control_state"]
 """
 # A law of others takes the controller's place.
@@ -35,7 +37,6 @@ command = {}
 reads = ["estimate", "singularity", "target"]
 writes = ["servo_state", "control_state", "torque"]
 """
-FILES = {path.stem: str(path) for path in OPPONENTS}
 # Longest session, s.
 LONGEST_S = 600
 
@@ -58,8 +59,8 @@ class Session:
         # Of the arm; and of the last tick, by topic: `None` until there has been one.
         self.robot, self.job, self.run, self.seen = None, None, None, None
         graph, settings = self.folder / "graph.toml", [*settings]
-        if law in FILES:
-            program = [sys.executable, "-m", "armplane.arena.steered", FILES[law]]
+        if law in OPPONENTS:
+            program = [sys.executable, "-m", "armplane.arena.steered", str(OPPONENTS[law])]
             graph.write_text(GRAPH + FOREIGN.format(json.dumps(program)))
         else:
             graph.write_text(GRAPH)
