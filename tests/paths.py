@@ -2,7 +2,7 @@
 """Circles, spirals, eights and random splines through the singular postures of arms, beside an independent search.
 
     pip install mujoco 'armplane[autopsy,experiments]'
-    python3 tests/paths.py [--arms puma560,ur5,panda] [--each 6] [--seed 1] [--keep ROWS.json]
+    python3 tests/paths.py [--arms puma560,ur5,panda] [--kinds circle,spiral,eight,spline] [--each 6] [--seed 1] [--keep ROWS.json]
 
 Each path leads through a posture in which the Jacobian loses rank, found along the slope of its smallest singular value. The independent search follows
 the path by damped least squares on MuJoCo's kinematics, from the same start; where it succeeds within 1 mm and 0.5° and the joint limits, the path is feasible.
@@ -10,7 +10,6 @@ Prints, for each arm and kind, how many paths there are, were found feasible, re
 as reached with an error above 1 mm). Exit code 1: a silent miss, or S1 on less than 95 % of the paths found feasible.
 """
 
-import argparse
 import itertools
 import pathlib
 import sys
@@ -18,6 +17,7 @@ import sys
 import armplane
 import numpy as np
 import pandas
+from asked import asked
 from numpy.linalg import norm
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
@@ -35,13 +35,6 @@ class Arm(incidents.Arm):
     def __init__(self, name):
         super().__init__(*incidents.built_in(name))
         self.lower, self.upper = self.lower.clip(-6.28), self.upper.clip(max=6.28)
-
-    def lock(self, random):
-        """A posture within limits whose smallest singular value vanishes."""
-        while True:
-            q = self.singular_near(incidents.draw(self, random, 6.28, 0.15), floor=1e-5)
-            if q is not None and self.is_inside(q, 0.05) and self.lost(q)[1][4] > 0.15:
-                return q
 
     def follow(self, q, poses):
         """Postures along poses by damped least squares, or None where they leave them or the limits."""
@@ -125,13 +118,7 @@ def trial(name, arm, time, start, keys):
 
 
 def main():
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("--arms", default="puma560,ur5,panda")
-    options.add_argument("--kinds", default="circle,spiral,eight,spline")
-    options.add_argument("--each", type=int, default=6)
-    options.add_argument("--seed", type=int, default=1)
-    options.add_argument("--keep", default="/dev/null", help="a JSON file for the rows, with their scenarios")
-    args = options.parse_args()
+    args = asked(__doc__, arms="puma560,ur5,panda", kinds="circle,spiral,eight,spline", each=6, seed=1, keep="/dev/null")
     every = []
     for name, kind in itertools.product(args.arms.split(","), args.kinds.split(",")):
         arm, random = Arm(name), np.random.default_rng([args.seed, *name.encode(), *kind.encode()])
@@ -139,7 +126,7 @@ def main():
             made = []
             while not made:
                 # A way through a stretched arm is often out of reach: some are tried for each posture.
-                q = arm.lock(random)
+                q = incidents.draw_singular(arm, random, 6.28, 0.15, 0.05, 0.15, steps=40, floor=1e-5)
                 made = [found for _ in range(8) if (found := way(kind, arm, q, random))]
             found = next((one for one in made if arm.follow(*one[:2]) is not None), None)
             start, _, keys = found or made[-1]

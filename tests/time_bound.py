@@ -9,13 +9,13 @@ of its speed and 95 % of its torque, which are the margins of the plan. Prints a
 ratio; then the median and the largest ratio. Exit code 1: the median is above 1.02, or the largest above 1.10.
 """
 
-import argparse
 import sys
 import tomllib
 
 import armplane
 import numpy as np
 import toppra
+from asked import asked
 from toppra import algorithm, constraint
 
 SPEED, TORQUE, POINTS = 0.92, 0.95, 200
@@ -52,12 +52,7 @@ def bound(arm, u, q):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--robots", default="puma560,ur5,panda,iiwa14")
-    parser.add_argument("--count", type=int, default=3)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--speed", type=float, default=0.28)
-    options = parser.parse_args()
+    options = asked(__doc__, robots="puma560,ur5,panda,iiwa14", count=3, seed=1, speed=0.28)
     toppra.setup_logging("ERROR")
     ratios = []
     for robot in options.robots.split(","):

@@ -13,7 +13,6 @@ presses on a plane of 20 N/mm with more of it lost leaves its path by more than 
 more than 1 N, or without contact).
 """
 
-import argparse
 import json
 import subprocess
 import sys
@@ -24,6 +23,7 @@ from pathlib import Path
 import armplane
 import numpy as np
 import pandas
+from asked import asked
 from armplane.arena import OPPONENTS
 from armplane.results import _program, _sentence
 
@@ -31,10 +31,10 @@ MEASURES = "rms_n error_max_n lift_off_ticks impact_max_n tangential_max_mm born
 OURS, MOSTLY = "blended", 0.7
 
 
-def run(scenario, law, settings, plant=None):
+def run(scenario, law, settings, plant=""):
     """The row of a run, refused ones too."""
     name, _, file = law.partition("=")
-    file = file or {path.stem: path for path in OPPONENTS}.get(name, "")
+    file = file or OPPONENTS.get(name, "")
     if not file and not plant:
         try:
             return armplane.trial(scenario, {**settings, "control.strategy": law})
@@ -64,30 +64,23 @@ def pressed(text, random):
     return f"{text.replace('duration_s = ', force + 'duration_s = ', 1)}\n[[plant.surface]]\npoint_m = {start.tolist()}\nnormal = {(-e).tolist()}\n"
 
 
-def wipes(asked, settings):
+def wipes(options, settings):
     """A row for each wipe and law."""
     bare = {key: value for key, value in settings.items() if not key.startswith("plant.surface")}
-    for name in asked.arms.split(","):
-        random = np.random.default_rng(asked.seed)
-        for line in armplane.lines(name, asked.each, asked.seed, speed=0.1875):
+    for name in options.arms.split(","):
+        random = np.random.default_rng(options.seed)
+        for line in armplane.lines(name, options.each, options.seed, speed=0.1875):
             scenario, is_free = pressed(line["scenario"], random), reached(run(line["scenario"], OURS, bare))
-            for law in asked.law or [OURS]:
-                row = run(scenario, law, settings, asked.plant)
+            for law in options.law or [OURS]:
+                row = run(scenario, law, settings, options.plant)
                 force = {key: (row.get("force") or {}).get(key, np.inf) for key in MEASURES}
                 print(f"{law}: {name} {line['singularities']} {line['place']}: {row['outcome']}: {' '.join(f'{key} {force[key]:.3g}' for key in MEASURES)}", flush=True)
                 yield {"law": law, "free": is_free, "reached": reached(row), **force}
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--arms", default="puma560,ur5,panda,xarm7")
-    parser.add_argument("--each", type=int, default=2)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--set", action="append", default=[])
-    parser.add_argument("--law", action="append")
-    parser.add_argument("--plant")
-    asked = parser.parse_args()
-    table = pandas.DataFrame(wipes(asked, dict(one.split("=", 1) for one in asked.set)))
+    options = asked(__doc__, arms="puma560,ur5,panda,xarm7", each=2, seed=1, set=[], law=[], plant="")
+    table = pandas.DataFrame(wipes(options, dict(one.split("=", 1) for one in options.set)))
     table["lifted"] = table.lift_off_ticks > 0
     table["met"] = table.reached & (table.rms_n <= 0.5) & (table.tangential_max_mm <= 0.5) & ~table.lifted
     table["silent"] = table.reached & ((table.rms_n > 1) | table.lifted)

@@ -20,10 +20,11 @@ import mujoco
 import numpy as np
 import pandas
 from numpy.linalg import norm
+from repository import place
 from scipy.spatial.transform import Rotation
 
 DT = 0.002
-ROBOTS = next(path for folder in Path(__file__).resolve().parents if (path := folder / "services/model/robots").is_dir())
+ROBOTS = place("services/model/robots")
 SINGULAR, OTHERS = "singularity", ("joint limit", "speed limit", "torque limit", "gap in the stamps", "jump in the command", "NaN", "oscillation", "unknown", "none")
 LAWS = ("dls", "pinv clamped", "servo halt", "pinv fault", "inverse kinematics", "impedance")
 STYLES = ("csv", "csv degrees", "lerobot", "mcap", "rosbag2", "rosbag2 mcap")
@@ -199,12 +200,12 @@ def first(found, tries):
     raise Rejected
 
 
-def draw_singular(arm, rng):
-    """A singular posture well within the limits that is not one of several at once."""
+def draw_singular(arm, rng, ends=2.6, margin=0.1, room=0.2, alone=0.12, **precision):
+    """A singular posture well within the limits that is not one of several at once: the last but one of its singular values is above `alone`."""
 
     def found():
-        q = arm.singular_near(draw(arm, rng, 2.6, 0.1), 25)
-        return q if q is not None and arm.is_inside(q, 0.2) and arm.lost(q)[1][4] > 0.12 and np.abs(q).max() < 3 else None
+        q = arm.singular_near(draw(arm, rng, ends, margin), **{"steps": 25, **precision})
+        return q if q is not None and arm.is_inside(q, room) and arm.lost(q)[1][4] > alone and np.abs(q).max() < ends + 0.4 else None
 
     return first(found, 200)
 
