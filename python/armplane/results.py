@@ -4,6 +4,7 @@ import argparse
 import contextlib
 import functools
 import html
+import itertools
 import json
 import os
 import shutil
@@ -178,10 +179,7 @@ def run(scenario, settings=None, faults=None, seed=None, *, graph=None, plant=No
 
 
 def _next_folder(name):
-    number = 1
-    while (folder := Path("runs") / f"{name}-{number:03}").exists():
-        number += 1
-    return folder
+    return next(folder for number in itertools.count(1) if not (folder := Path("runs", f"{name}-{number:03}")).exists())
 
 
 def loads(text):

@@ -5,6 +5,8 @@ Python's lock is free while a run lasts, so threads use all cores. A scenario is
 
 import json
 import os
+import tempfile
+from pathlib import Path
 
 from . import _armplane
 from .results import as_settings, extra
@@ -49,6 +51,15 @@ def twists(robot, seed=1, seconds=60.0):
 def laws(all=False):
     """The names of the control laws that follow paths, the paper's first; with `all`, those for steering only, too."""
     return [name for name, follows in _armplane.law_names() if follows or all]
+
+
+def arm_of(urdf, description, tip=None):
+    """The arm of a URDF and of its description, two texts, as a run keeps them."""
+    with tempfile.TemporaryDirectory(prefix="armplane-") as folder:
+        path = Path(folder, "robot.urdf")
+        path.write_text(urdf, encoding="utf-8")
+        path.with_suffix(".toml").write_text(description, encoding="utf-8")
+        return _armplane.Arm.from_urdf(path, tip)
 
 
 def _whole(name, value, least=0):

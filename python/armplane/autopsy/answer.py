@@ -61,7 +61,7 @@ def _answer(source, log, m, seen, ranked):
     what, near = _WHAT.get(first.what) or (effect.what if effect else "it went on"), m.sigma / m.usual
     when = "" if first.what in _WHAT else f" at {first.t:.2f} s"
     reason = _REASONS.get(first.what, f": {'not a singularity, but ' if near.min() < 0.3 else ''}{first.what}")
-    sentences = [f"{source.name}: {what}{when}{reason}"] + [_sentence(text) for text in dict.fromkeys([*([effect.text] if effect else []), first.text])]
+    sentences = [f"{source.name}: {what}{when}{reason}"] + [text[:1].upper() + text[1:] for text in dict.fromkeys(one.text for one in (effect, first) if one)]
     if first.what not in ("singularity", *_WHAT):
         at = np.argmin(np.abs(m.t_k - first.t))
         sentences.append(f"No singularity: then, the smallest singular value was {near[at]:.0%} of this arm's usual one")
@@ -70,19 +70,12 @@ def _answer(source, log, m, seen, ranked):
     rate, seconds, columns = 1 / m.dt, log["q"].t[-1], {role: one.name for role, one in log.streams.items()}
     read_as = ", ".join(f"{role} ({name})" for role, name in columns.items())
     sentences += [*notes, f"Read: {read_as}; {rate:.0f} Hz, {seconds:.1f} s"]
+    text = " ".join(one if one.endswith((".", "?")) else f"{one}." for one in sentences)
     evidence = [{"cause": one.what, "t": round(one.t, 4), "weight": round(one.weight, 3), "text": one.text, **one.data} for one in ranked]
     answer = {
-        "log": source.name, "robot": robot.name, "cause": first.what, "what": what, "t": round(first.t, 4), "text": " ".join(map(_ended, sentences)),
+        "log": source.name, "robot": robot.name, "cause": first.what, "what": what, "t": round(first.t, 4), "text": text,
         "evidence": evidence, "effects": [{"what": one.what, "t": round(one.t, 4), "text": one.text} for one in seen], "notes": notes,
         "rate_hz": round(rate, 2), "seconds": round(seconds, 3), "start": log.start, "columns": columns,
     }  # fmt: skip
     # Without the numbers and arrays of numpy.
     return json.loads(json.dumps(answer, default=lambda value: value.tolist()))
-
-
-def _sentence(text):
-    return text[:1].upper() + text[1:]
-
-
-def _ended(text):
-    return text if text.endswith((".", "?")) else f"{text}."

@@ -1,10 +1,11 @@
 """The arm of a log: kinematics of many postures at once, from any URDF or MJCF file, with or without masses."""
 
 import pathlib
-import tempfile
 
 import armplane
 import numpy as np
+
+from ..trials import arm_of
 
 
 class Robot:
@@ -40,11 +41,7 @@ class Robot:
 
 def _open(name, tip, text, description):
     if text is not None:
-        with tempfile.TemporaryDirectory(prefix="armplane-autopsy-") as folder:
-            path = pathlib.Path(folder) / "robot.urdf"
-            path.write_text(text, encoding="utf-8")
-            path.with_suffix(".toml").write_text(description, encoding="utf-8")
-            return armplane.Arm.from_urdf(path, tip)
+        return arm_of(text, description, tip)
     if str(name) in armplane.Arm.names():
         return armplane.Arm.builtin(str(name), tip)
     if not pathlib.Path(name).is_file():

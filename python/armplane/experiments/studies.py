@@ -64,9 +64,9 @@ def _session(robot, seed, seconds, settings):
     row, run = trials.trial(scenario, settings), Recorded(scenario, settings)
     dt, by = run.t[1] - run.t[0], lambda *reasons: np.isin(run.columns["servo.reason"], [getattr(wire, f"REASON_{name}") for name in reasons])
     asked = np.abs(np.hstack([run.vectors("servo.velocity"), run.vectors("servo.angular_velocity")])).max(axis=1)
-    stands = ~by(*STATED) & (asked > MOVES) & (run.columns["servo.speed_share"] < STILL_SHARE)
-    # Seconds that it has stood at each tick; those beyond what it may count.
-    since = np.arange(len(stands)) - np.maximum.accumulate(np.where(stands, -1, np.arange(len(stands))))
+    stands = pd.Series(~by(*STATED) & (asked > MOVES) & (run.columns["servo.speed_share"] < STILL_SHARE))
+    # Ticks that it has stood at each tick; those beyond what it may count.
+    since = stands.groupby((~stands).cumsum()).cumsum()
     step = np.abs(np.diff(run.vectors("torque.commanded"), axis=0)).max(axis=0) / (run.arm.torque_rate * dt)
     beyond = np.maximum(run.q - run.arm.upper, run.arm.lower - run.q).max()
     found = {

@@ -166,13 +166,10 @@ def _tried(scenario, settings, key, values):
     try:
         laid(float(values.low)), laid(float(values.high))
         return False
-    except ValueError as error:
-        if float(values.low) != int(values.low) or float(values.high) != int(values.high):
+    except ValueError:
+        if not (float(values.low).is_integer() and float(values.high).is_integer()):
             raise
-        try:
-            laid(int(values.low)), laid(int(values.high))
-        except ValueError:
-            raise error from None
+        laid(int(values.low)), laid(int(values.high))
         return True
 
 

@@ -1,14 +1,12 @@
 """The arm of a run as the page needs it: its frames, its limits, postures near singularities."""
 
 import functools
-import pathlib
-import tempfile
 from xml.etree import ElementTree
 
 import numpy as np
 
-from .. import Arm
 from ..rotation import rotation_exp
+from ..trials import arm_of
 
 # Postures among which those near singularities are chosen, and their distance from joint limits.
 TRIES, MARGIN = 4000, 0.1
@@ -47,11 +45,7 @@ class Robot:
 
     def __init__(self, job):
         source = job["robot"]
-        with tempfile.TemporaryDirectory() as folder:
-            path = pathlib.Path(folder) / "arm.urdf"
-            path.write_text(source["urdf"])
-            path.with_suffix(".toml").write_text(source["description"])
-            self.arm = Arm.from_urdf(path, tip=job["scenario"]["frame"] or None)
+        self.arm = arm_of(source["urdf"], source["description"], job["scenario"]["frame"] or None)
         self.name, self.folder, self.dof, self.tree = source["name"], source["folder"], self.arm.dof, ElementTree.fromstring(source["urdf"].encode())
         self.links = links(self.tree, self.arm.joints)
         bounded = lambda values, usual: np.where(np.isfinite(values), values, usual)
