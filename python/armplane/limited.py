@@ -9,7 +9,7 @@ MEMORY = 0.75
 
 
 class Ended(Exception):
-    """A limit has ended the function, or a crash; the words say which."""
+    """A limit has ended the function, a crash, or an error of its own; the words say which."""
 
 
 def limited(seconds, function, *arguments):
@@ -46,3 +46,5 @@ def _answer(send, function, arguments):
         send.send((Ended, "needs more memory than there is"))
     except (ValueError, OSError, ImportError) as error:
         send.send((next(kind for kind in (ValueError, OSError, ImportError) if isinstance(error, kind)), str(error)))
+    except Exception as error:
+        send.send((Ended, f"makes its reader fail ({type(error).__name__}: {' '.join(str(error).split())[:120]})"))

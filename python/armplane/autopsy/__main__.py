@@ -25,16 +25,8 @@ def ask(options, mapping, path, episode, picture):
     """The answer about one log, or {"error": sentence}."""
     from . import autopsy
 
-    def judge():
-        try:
-            return autopsy(path, options.robot, options.tip, mapping, episode, picture)
-        except (ValueError, OSError, ImportError, MemoryError):
-            raise
-        except Exception as error:  # The last resort: a sentence in place of a traceback.
-            raise ValueError(f"{path} cannot be judged ({type(error).__name__}: {str(error)[:120]}): please report it with the log") from None
-
     try:
-        return limited(options.limit, judge)
+        return limited(options.limit, autopsy, path, options.robot, options.tip, mapping, episode, picture)
     except Ended as error:
         return {"error": f"{path} {error}: cut the log around the incident, allow more by --limit, or write it again where it is damaged"}
     except (ValueError, OSError, ImportError) as error:
