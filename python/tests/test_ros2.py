@@ -310,7 +310,10 @@ def test_joints_jog_and_follow_a_table(store, tmp_path):
         moved = face.rests() - start
         assert 0.1 < moved[2] < 0.36 and abs(moved[5] + moved[2] / 2) < 0.02 and np.abs(moved[[0, 1, 3, 4]]).max() < 1e-3
         # The elbow's limit is π: all joints stand with 0.1 rad to it.
-        face.send(JOG, jog("elbow wrist_3", 1.0, 0.1), seconds=4.5, hz=50)
+        for _ in range(4):
+            # Of a busy machine the run gets only a part of this time.
+            if np.pi - face.rests()[2] > 0.13:
+                face.send(JOG, jog("elbow wrist_3", 1.0, 0.1), seconds=4.5, hz=50)
         assert 0.08 < np.pi - face.rests()[2] < 0.13
         order = [3, 0, 5, 1, 4, 2]
         points = [(start, 4), (start + 0.2, 6), (start - [0.1, 0, 0.1, 0, 0.1, 0], 9)]
