@@ -154,13 +154,16 @@ impl<const N: usize> Span<N> {
 
     /// The unit vector orthogonal to all that has most of one joint; shorter, down to zeros, where the vectors leave none.
     pub(super) fn any(&self) -> SVector<f64, N> {
-        let mut best = SVector::<f64, N>::zeros();
+        // Of an orthonormal span: what it leaves of joint k has the square 1 − Σ b_k².
+        let (mut best, mut most) = (SVector::<f64, N>::zeros(), 0.0);
         for k in 0..N {
-            let v = self.residual(super::axes::unit(k));
-            if v.norm_squared() > best.norm_squared() + 1e-9 {
-                best = v;
+            let spanned = self.vectors[..self.count].iter().map(|b| b[k] * b[k]);
+            let square = 1.0 - spanned.sum::<f64>();
+            if square > most + 1e-9 {
+                (best, most) = (super::axes::unit(k), square);
             }
         }
+        let best = self.residual(best);
         let rest = self.residual(best / best.norm().max(1e-12));
         rest / rest.norm().max(1e-9)
     }

@@ -113,13 +113,17 @@ impl<const N: usize> TrackedSvd<N> {
     pub(super) fn track(&mut self, scaled: &SMatrix<f64, 6, N>) {
         let n = self.count;
         self.orthonormalise();
+        let B: [SVector<f64, N>; 6] = std::array::from_fn(|k| {
+            SVector::from_fn(|c, _| match k < n && self.has_column(c) {
+                true => scaled[(self.rows[k], c)],
+                false => 0.0,
+            })
+        });
         let mut X = [SVector::<f64, N>::zeros(); 6];
         let mut scale = 0.0_f64;
         for i in 0..n {
             for k in 0..n {
-                for c in self.columns.0..self.columns.1 {
-                    X[i][c] += self.U[i][k] * scaled[(self.rows[k], c)];
-                }
+                X[i] += B[k] * self.U[i][k];
             }
             scale = scale.max(X[i].norm_squared());
         }
