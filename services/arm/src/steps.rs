@@ -90,6 +90,8 @@ impl<const N: usize> Steps for Of<N> {
 pub(crate) trait Look: Send + Sync {
     /// The report of an estimate, as at the process's first tick. No allocation.
     fn report(&mut self, estimate: &StateEstimate, report: &mut SingularityReport);
+    /// See `leave_far_unnamed` of the analyzer.
+    fn leave_far_unnamed(&mut self);
     /// The same.
     fn copied(&self) -> Box<dyn Look>;
 }
@@ -129,6 +131,10 @@ impl<const N: usize> Look for LookOf<N> {
         let last = &mut self.last;
         self.analyzer
             .analyse(&mut self.analysis, estimate, report, last);
+    }
+
+    fn leave_far_unnamed(&mut self) {
+        self.analysis.0.leave_far_unnamed();
     }
 
     fn copied(&self) -> Box<dyn Look> {

@@ -41,6 +41,12 @@ impl<const N: usize> Analyzer<N> {
         }
     }
 
+    /// From now on a tracked direction beyond 1.3 η_out is numeric, of unknown type, and takes any free place. Of postures by themselves, for the Newton
+    /// steps onto the singularity of a far direction are nine tenths of a first tick with seven joints; near directions stay the same.
+    pub fn leave_far_unnamed(&mut self) {
+        self.family.leave_far_unnamed();
+    }
+
     /// The family of its arm.
     #[must_use]
     pub fn family(&self) -> &Family<N> {

@@ -182,6 +182,13 @@ impl<const N: usize> Family<N> {
         ))
     }
 
+    /// See [`Analyzer::leave_far_unnamed`](super::analyzer::Analyzer::leave_far_unnamed).
+    pub(super) fn leave_far_unnamed(&mut self) {
+        if let Some(tracker) = &mut self.tracker {
+            tracker.leave_far_unnamed();
+        }
+    }
+
     /// The point C of the end-effector link at which singularities are analysed. Shape 3; m; frame B.
     #[must_use]
     pub fn centre(&self, terms: &Terms<N>) -> Vector3<f64> {

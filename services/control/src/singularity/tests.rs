@@ -594,6 +594,32 @@ fn a_restart_changes_nothing_anywhere() {
 }
 
 #[test]
+fn near_directions_are_the_same_where_far_ones_have_no_name() {
+    let (mut random, mut near) = (Uniform(11), 0);
+    for arm in SEVEN.map(|name| Arm::<7>::new(name, false)) {
+        let mut unnamed = arm.fresh.clone();
+        unnamed.leave_far_unnamed();
+        for _ in 0..200 {
+            let q = arm.posture(&mut random);
+            let (all, some) = (
+                arm.at(&q),
+                arm.step(&mut unnamed.clone(), &q, &SVector::zeros()),
+            );
+            let places = some.singularities.iter().zip(&all.singularities);
+            for (place, (one, named)) in places.take(all.count).enumerate() {
+                if named.s.abs() <= 1.3 * named.eta_out || !arm.is_vector(place) {
+                    assert_eq!(one, named);
+                    near += 1;
+                } else if one.s != 1.0 {
+                    assert_eq!((one.kind, one.class), (Kind::Numeric, Class::Unknown));
+                }
+            }
+        }
+    }
+    assert!(near > 300, "{near}");
+}
+
+#[test]
 fn screws_are_the_models_kinematics() {
     let (arm, mut random) = (Arm::<6>::new("ur5", false), Uniform(7));
     for _ in 0..100 {

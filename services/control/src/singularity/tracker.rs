@@ -114,6 +114,8 @@ pub(super) struct Tracker<const N: usize> {
     place_count: usize,
     /// At the first tick.
     begins: bool,
+    /// Whether the first tick looks up far directions, too.
+    names_far: bool,
 }
 
 /// An arm in one posture: its screws at C, and C − S, m.
@@ -167,6 +169,7 @@ impl<const N: usize> Tracker<N> {
             places,
             place_count,
             begins: false,
+            names_far: true,
         };
         out.sample(arm);
         out
@@ -211,6 +214,11 @@ impl<const N: usize> Tracker<N> {
                 .and_then(|code| Class::from_code(code as u32))
                 .unwrap_or(Class::Unknown);
         }
+    }
+
+    /// From now on the first tick, too, looks up near directions only, and far ones are reported as numeric, of unknown type.
+    pub(super) fn leave_far_unnamed(&mut self) {
+        self.names_far = false;
     }
 
     /// Whether the measures are vectors: with spare joints, where singularities have codimension two or more.
@@ -319,7 +327,7 @@ impl<const N: usize> Tracker<N> {
         let eta_out = self.neighborhood(self.places[place].0).eta_out;
         let within = |share: f64| self.size(block, index) <= share * eta_out;
         let stays = within(if latched { LATCH.1 } else { LATCH.0 });
-        if self.begins || !latched && stays {
+        if self.begins && self.names_far || !latched && stays {
             let Lock {
                 names,
                 verdict,
@@ -534,8 +542,13 @@ impl<const N: usize> Tracker<N> {
             a,
             ..entry
         };
+        let (kind, class) = if entry.latched || self.names_far {
+            (self.places[entry.place].0, class)
+        } else {
+            (Kind::Numeric, Class::Unknown)
+        };
         Singularity {
-            kind: self.places[entry.place].0,
+            kind,
             class,
             angular,
             s: if svd.is_square() {
