@@ -103,7 +103,8 @@ TARGET_REFUSAL_ROTATION = 4
 TARGET_REFUSAL_TIME = 5
 TARGET_REFUSAL_RANGE = 6
 TARGET_REFUSAL_JOINTS = 7
-TARGET_REFUSALS = {TARGET_REFUSAL_NONE: "", TARGET_REFUSAL_NUMBER: "it holds a NaN or an infinity", TARGET_REFUSAL_FRAME: "its frame is unknown, or not one for its kind (a pose is in base)", TARGET_REFUSAL_KIND: "its kind or its side is unknown", TARGET_REFUSAL_ROTATION: "its rotation is none: a quaternion has norm 1, a matrix determinant 1", TARGET_REFUSAL_TIME: "its time stamp is in the future, or its validity is negative", TARGET_REFUSAL_RANGE: "a number is beyond 1000, or its position beyond 100 m", TARGET_REFUSAL_JOINTS: "its posture has not one value for each joint of the arm"}
+TARGET_REFUSAL_FORCE = 8
+TARGET_REFUSALS = {TARGET_REFUSAL_NONE: "", TARGET_REFUSAL_NUMBER: "it holds a NaN or an infinity", TARGET_REFUSAL_FRAME: "its frame is unknown, or not one for its kind (a pose is in base, a force in base or hand)", TARGET_REFUSAL_KIND: "its kind or its side is unknown", TARGET_REFUSAL_ROTATION: "its rotation is none: a quaternion has norm 1, a matrix determinant 1", TARGET_REFUSAL_TIME: "its time stamp is in the future, or its validity is negative", TARGET_REFUSAL_RANGE: "a number is beyond 1000, or its position beyond 100 m", TARGET_REFUSAL_JOINTS: "its posture has not one value for each joint of the arm", TARGET_REFUSAL_FORCE: "its force has nothing to press on, is below 0.1 N or beyond what the joints hold, or comes with a posture"}
 
 TYPE_UNKNOWN = 0
 TYPE_1 = 1
@@ -168,14 +169,17 @@ class TargetContent(ctypes.Structure):
         ("position", ctypes.c_double * 3),  # Position of E in B, of a pose [m]
         ("quaternion", ctypes.c_double * 4),  # Rotation of E in B, of a pose: unit quaternion `[w, x, y, z]`
         ("q", ctypes.c_double * 8),  # Joint positions, of a posture [rad (m for prismatic joints)]
+        ("force", ctypes.c_double * 3),  # Force with which the hand presses, in the axes of `force_frame`: along it the force is controlled and not the motion; zero: none [N]
         ("kind", ctypes.c_uint32),  # One of `TARGETS`
         ("frame", ctypes.c_uint32),  # One of `FRAMES`: the axes of a twist; a pose is in B
         ("side", ctypes.c_uint32),  # One of `SIDES`: the side in which a Type 1 singularity is to be left
         ("joints", ctypes.c_uint32),  # Joints of a posture
+        ("force_frame", ctypes.c_uint32),  # One of `FRAMES`, base or hand: the axes of `force`
+        ("reserved", ctypes.c_uint32),  # Zero in this version
     ]
 
 
-assert ctypes.sizeof(TargetContent) == 200
+assert ctypes.sizeof(TargetContent) == 232
 
 
 class SensorSample(ctypes.Structure):
@@ -207,6 +211,7 @@ class PlantState(ctypes.Structure):
         ("R_BE", ctypes.c_double * 9),  # End-effector rotation in B, column-major
         ("V_BE", ctypes.c_double * 6),  # End-effector twist [m/s, rad/s]
         ("contact_force_n", ctypes.c_double * 3),  # Sum of contact forces on the arm, base axes [N]
+        ("contact_torque_nm", ctypes.c_double * 3),  # Moment of the surfaces on the hand about E, base axes [N·m]
         ("energy_j", ctypes.c_double),  # Kinetic and potential energy [J]
         ("contacts", ctypes.c_uint32),  # Number of contact points
         ("limit_mask", ctypes.c_uint32),  # Bit i: joint i is at a limit stop
@@ -217,7 +222,7 @@ class PlantState(ctypes.Structure):
     ]
 
 
-assert ctypes.sizeof(PlantState) == 544
+assert ctypes.sizeof(PlantState) == 568
 
 
 class WristForce(ctypes.Structure):
@@ -227,10 +232,11 @@ class WristForce(ctypes.Structure):
     _fields_ = [
         ("header", Header),  # Tick, incarnation, stamps
         ("force_n", ctypes.c_double * 3),  # Force of the surroundings on the hand, base axes, noise included [N]
+        ("torque_nm", ctypes.c_double * 3),  # Their moment about E, base axes, noise included [N·m]
     ]
 
 
-assert ctypes.sizeof(WristForce) == 176
+assert ctypes.sizeof(WristForce) == 200
 
 
 class StateEstimate(ctypes.Structure):
@@ -280,7 +286,7 @@ class Target(ctypes.Structure):
     ]
 
 
-assert ctypes.sizeof(Target) == 352
+assert ctypes.sizeof(Target) == 384
 
 
 class ServoState(ctypes.Structure):
@@ -361,11 +367,11 @@ assert ctypes.sizeof(TorqueCommand) == 224
 # Topic: structure, versioned type name, hash of the layout.
 TOPICS = {
     "sensor": (SensorSample, "armplane.SensorSample.v3", 0x7b596d813efcbd78),
-    "plant_state": (PlantState, "armplane.PlantState.v3", 0xb3429417b6bb5ea6),
-    "wrist_force": (WristForce, "armplane.WristForce.v1", 0x27188641471cee33),
+    "plant_state": (PlantState, "armplane.PlantState.v4", 0xb3888d727801d3f1),
+    "wrist_force": (WristForce, "armplane.WristForce.v2", 0xc27d3de544822214),
     "estimate": (StateEstimate, "armplane.StateEstimate.v4", 0x26d6dbe8667c45e8),
     "singularity": (SingularityReport, "armplane.SingularityReport.v5", 0xa79668c82480372e),
-    "target": (Target, "armplane.Target.v2", 0xf7a8d3c2246c9806),
+    "target": (Target, "armplane.Target.v3", 0xd05ed08f0498db01),
     "servo_state": (ServoState, "armplane.ServoState.v1", 0xb214d5f1957726e4),
     "control_state": (ControlState, "armplane.ControlState.v4", 0x3d6226b63bfda497),
     "torque": (TorqueCommand, "armplane.TorqueCommand.v5", 0xf478adead3f15ea4),

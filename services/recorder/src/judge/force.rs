@@ -196,7 +196,7 @@ mod tests {
             has_begun: true,
             ..ForceMeter::default()
         };
-        let mut tick = |pressed_n, moves, touches| {
+        let mut tick = |pressed_n, moves: bool, touches| {
             let contact = Contact {
                 newtons: 10.0,
                 pressed_n,
