@@ -74,7 +74,7 @@ class Robot:
         spread = np.linspace(0, 2, TRIES)[:, None]
         q = home + spread * np.random.default_rng(1).uniform(-1, 1, (TRIES, self.dof))
         q = np.clip(q, self.lower + MARGIN, self.upper - MARGIN)
-        found = self.arm.step_many(q)["singularities"][:, : len(self.singular_names)]
+        found = self.arm.step_many(q, far=True)["singularities"][:, : len(self.singular_names)]
         share, inside = np.abs(found["s"]) / found["eta_out"], found["inside"] == 1
         out = np.linalg.norm([self.arm.at(one).pose[:3, 3] for one in q], axis=1) / self.reach
         cost = 3 * (share < 1.5).sum(axis=1) + np.abs(q - home).max(axis=1) - 2 * out

@@ -246,9 +246,9 @@ impl Arm {
     /// `manipulability`, `count`, and `singularities` of shape (N, 4), of which `count` are in use, with `kind`, `class_` (words: `KINDS` and `TYPES` of
     /// `armplane.wire`), `inside`, `s`, `zeta_B` (6,), `eta_in`, `eta_out`. A row takes 1.3 kB. One with a NaN has a NaN in `det` and `s`, and a count of 0.
     ///
-    /// `far=False` is ten times quicker with seven joints. A direction that is found by number and has |s| > 1.3 `eta_out` is then `numeric` and
-    /// `unknown`, in any place that is free; the others are the same.
-    #[pyo3(signature = (q, far=true))]
+    /// A direction that is found by number and has |s| > 1.3 `eta_out` is `numeric` and `unknown`, in any place that is free. With `far=True` it has the name,
+    /// type and place of the singular posture that it leads to, at ten times the cost with seven joints.
+    #[pyo3(signature = (q, far=false))]
     fn step_many<'py>(&self, q: &Bound<'py, PyAny>, far: bool) -> PyResult<Bound<'py, PyAny>> {
         let (py, n) = (q.py(), self.dof);
         let q = numbers("q", q, &[None], &[&[n]])?;

@@ -17,7 +17,8 @@
 //! force alone, and the hand leaves its path (test `in_a_lock_what_is_left_of_the_axis_serves_the_force`). What lies along ζ itself the structure bears.
 //!
 //! A moment about an axis is controlled alike from the first contact on, with ω_e, m and k·r²/2 in the places of ẋ_e, f and k, r the radius of the hand's
-//! face; it turns the hand about E, which stays on its path. Set-points of moments rise with the force.
+//! face; it turns the hand about E, which stays on its path. Set-points of moments rise with the force. What a singularity takes of their axes follows the
+//! path (scenario `wipe-through-wrist-lock` with a face: `services/chain/tests/bars.rs`).
 //!
 //! The estimator knows F too, so the disturbance torque that is compensated is friction and a wrong mass alone. Without a sensor at the wrist that torque
 //! contains the contact, and its compensation bears it.
@@ -426,6 +427,8 @@ impl Forces {
             for (about, moment) in twists {
                 let row = terms.J.fixed_rows::<3>(3).tr_mul(about);
                 let (joint, most) = strongest(terms, effort, &(row * moment.newton_metres.signum()))?;
+                let (_, mobility) = response(terms, &row).ok()?;
+                let stiffest = STIFFEST / (mobility * dt * dt);
                 let why = if is_unserved(about, 3) {
                     "the arm's task does not serve all of that axis: take another one".to_owned()
                 } else if most < moment.newton_metres.abs() {
@@ -434,6 +437,9 @@ impl Forces {
                         joint + 1,
                         most.max(0.0)
                     )
+                } else if wish.turning_stiffness() > stiffest {
+                    let smaller_m = (2.0 * stiffest / force.stiffness_n_m).sqrt();
+                    format!("would swing up: take a face of {smaller_m:.2} m at most, or raise rate_hz")
                 } else {
                     continue;
                 };
@@ -494,6 +500,11 @@ impl Wish<'_> {
     /// The moments that are off their set-points, about each axis, under the wrench `F` on the hand; N·m.
     pub(crate) fn off_nm(&self, F: &Vector6<f64>) -> [f64; MOMENTS] {
         array::from_fn(|i| -self.about[i].dot(&angular(F)) - self.newton_metres[i])
+    }
+
+    /// Stiffness of a surface against a turn of the face that lies on it, k·r²/2; N·m/rad.
+    fn turning_stiffness(&self) -> f64 {
+        0.5 * self.terms.stiffness_n_m * self.face_m * self.face_m
     }
 
     /// The directions of the force and of the moments, as twists; zero beyond their number.
@@ -721,7 +732,7 @@ impl Pressing {
                 set: wish.newton_metres[i] * share * about.norm(),
                 felt: -about.dot(&angular(wrist)),
                 speed: about.dot(&omega),
-                stiffness: 0.5 * wish.terms.stiffness_n_m * wish.face_m * wish.face_m,
+                stiffness: wish.turning_stiffness(),
                 fastest: TURNING * wish.terms.approach_m_s / wish.face_m,
             };
             largest_nm = largest_nm.max((axis.set - axis.felt).abs());
