@@ -182,18 +182,13 @@ def _next_folder(name):
     return next(folder for number in itertools.count(1) if not (folder := Path("runs", f"{name}-{number:03}")).exists())
 
 
-def loads(text):
-    """The tables of a text in TOML. Raises ValueError where it is none."""
+def read_toml(path):
+    """The tables of a TOML file. Raises ValueError where it is none."""
     try:
         import tomllib
     except ImportError:
         import tomli as tomllib
-    return tomllib.loads(text)
-
-
-def read_toml(path):
-    """The tables of a TOML file, likewise."""
-    return loads(path.read_text())
+    return tomllib.loads(path.read_text())
 
 
 def listed(given):

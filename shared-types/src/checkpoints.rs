@@ -182,6 +182,8 @@ wire! {
         set_n: f64,
         /// Measured force, low-passed; N.
         felt_n: f64,
+        /// Direction of the tick before, base axes.
+        e: [f64; 3],
         /// The newest wrench of the wrist's sensor, base axes; N, N·m.
         wrist: [f64; 6],
         /// Along the force: estimated depth in the surface, m; the surface's speed; integral of the error as a speed; m/s.
@@ -301,8 +303,8 @@ mod tests {
             ),
             (
                 "armplane.ControllerCheckpoint.v9",
-                3992,
-                0xdaea_7441_62eb_786f,
+                4016,
+                0x6519_8f9a_748f_933c,
             ),
         ];
         assert_eq!(

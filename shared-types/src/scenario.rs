@@ -263,6 +263,19 @@ impl Scenario {
                 "a hand that touches with a point cannot be twisted by what it presses on",
                 "give the hand a face: plant.face_radius_m, such as 0.03",
             )?;
+            let force = self.segment[i].force.as_ref();
+            let rim_nm = force.map_or(0.0, |one| one.newtons) * self.plant.face_radius_m;
+            let moments = force.map_or(&[][..], |one| &one.moments).iter();
+            let asked_nm = moments
+                .map(|one| one.newton_metres.powi(2))
+                .sum::<f64>()
+                .sqrt();
+            require(
+                asked_nm < rim_nm,
+                &key,
+                format!("moments of {asked_nm} N·m would roll the hand over the rim of its face"),
+                format!("less than {rim_nm} N·m together, the force times plant.face_radius_m"),
+            )?;
             require(
                 self.plant.wrist_sensor,
                 key,

@@ -158,6 +158,9 @@ pub struct ForceSummary {
     pub rms_n: f64,
     /// Largest force error, moving.
     pub error_max_n: f64,
+    /// Forces that were asked for for at least 1 s, and did not come about.
+    #[serde(default)]
+    pub unreached: u64,
     /// Ticks without contact, moving.
     pub lift_off_ticks: u64,
     /// Largest force before the path went on: impact and rise.

@@ -24,7 +24,7 @@
 
 use crate::MAX_DOF;
 use crate::codes::{
-    FRAME_BASE, FRAMES, Named, SIDE_KEEP, SIDES, TARGET_END, TARGET_NONE, TARGET_POSE,
+    FRAME_BASE, FRAME_HAND, FRAMES, Named, SIDE_KEEP, SIDES, TARGET_END, TARGET_NONE, TARGET_POSE,
     TARGET_POSTURE, TARGET_TWIST, TARGET_UNREADABLE, TARGETS, name_of,
 };
 use crate::file::InvalidFile;
@@ -304,7 +304,12 @@ fn content(line: &str, per_metre: f64, tick: u64, rate_hz: u32) -> Result<Target
 /// The frame of a force, and its components; N.
 fn force(text: &str) -> Result<(u32, [f64; 3]), String> {
     let mut words = text.split_whitespace();
-    let frame = code(words.next().unwrap_or_default(), FRAMES, "frame")?;
+    let pressed_in = [(FRAME_BASE, "base"), (FRAME_HAND, "hand")];
+    let frame = code(
+        words.next().unwrap_or_default(),
+        &pressed_in,
+        "frame of a force",
+    )?;
     let values = words.map(|word| number(word, "a force"));
     let values = values.collect::<Result<Vec<_>, _>>()?;
     let values = <[f64; 3]>::try_from(values);
@@ -414,7 +419,6 @@ fn ticks(text: &str, rate_hz: u32) -> Result<u64, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::codes::FRAME_HAND;
 
     #[test]
     fn a_written_target_is_read_again_bit_for_bit() {

@@ -10,7 +10,7 @@ from numpy.linalg import norm
 from scipy.spatial.transform import Rotation
 
 from .. import _armplane
-from ..results import loads
+from ..results import as_settings
 from ..trials import trace
 from .style import BLUE, GREY, INK, RED, SINGULARITIES, curves, digits, legend, page, postures, undistorted
 
@@ -59,15 +59,6 @@ def unit(v):
     return v / norm(v)
 
 
-def _arm(scenario, settings, built_in):
-    """The arm that a scenario's text or file names, beside it; that of a built-in scenario."""
-    path = pathlib.Path("" if "\n" in scenario else scenario)
-    text = path.read_text() if path.is_file() else scenario if "\n" in scenario else ""
-    told = {"robot": built_in, **loads(text), **(settings or {})}
-    kind, robot = _armplane.Arm, told["robot"]
-    return kind.builtin(robot) if robot in kind.names() else kind.from_urdf(path.parent / robot, told.get("frame") or None)
-
-
 class Recorded:
     """The signals of a run as arrays, and its arm."""
 
@@ -75,7 +66,7 @@ class Recorded:
         table = trace(scenario, settings)
         self.columns = {name: table[name].to_numpy() for name in table.column_names}
         self.t = self.columns["t_s"]
-        self.arm = _arm(str(scenario), settings, table.schema.metadata[b"robot"].decode())
+        self.arm = _armplane.scenario_arm(str(scenario), as_settings(settings))
         self.q, self.p, p_d = map(self.vectors, ("joint.q", "hand.position", "desired.position"))
         hand, desired = (Rotation.from_quat(self.vectors(f"{one}.orientation")) for one in ("hand", "desired"))
         self.R, self.turned, self.off = hand.as_matrix(), (hand * hand[0].inv()).as_rotvec(), p_d - self.p

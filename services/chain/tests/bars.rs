@@ -144,7 +144,7 @@ fn a_hand_wipes_with_the_force_asked_for_through_the_wrists_lock() {
     const FACE: &str = "plant.face_radius_m=0.03";
     const FLAT: &str = "segment.0.force.moments=[{axis=\"tool x\"}, {axis=\"tool y\"}]";
     const ON_RIM: &str =
-        "segment.0.force.moments=[{axis=\"tool x\", newton_metres=0.1}, {axis=\"tool y\"}]";
+        "segment.0.force.moments=[{axis=\"tool x\"}, {axis=\"tool y\", newton_metres=0.1}]";
     let cases: [(&[&str], f64); 8] = [
         (&[], 0.5),
         (&["plant.surface.0.stiffness_n_m=16000.0"], 1.0),

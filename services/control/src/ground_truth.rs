@@ -79,6 +79,10 @@ pub trait GroundTruth: std::fmt::Debug {
 pub struct Contact {
     /// Set-point, N.
     pub newtons: f64,
+    /// Time in which a set-point changes to it, s.
+    pub ramp_s: f64,
+    /// Direction, base axes.
+    pub e: Vector3<f64>,
     /// The force with which the hand presses in the direction asked for, N.
     pub pressed_n: f64,
     /// The error of position across that direction, mm.
@@ -213,7 +217,7 @@ impl<const N: usize> GroundTruth for Truth<N> {
         error: &Vector6<f64>,
     ) -> Option<Contact> {
         let R = nalgebra::Matrix3::from_column_slice(&truth.R_BE);
-        let wish = match place {
+        let press = match place {
             Some(place) => self.forces.at(place.leg, &R),
             None => self.forces.of_target(target?, &R),
         }?;
@@ -222,13 +226,15 @@ impl<const N: usize> GroundTruth for Truth<N> {
             &truth.contact_force_n.into(),
             &truth.contact_torque_nm.into(),
         );
-        let twisted = Vector3::from(wish.off_nm(&F)).norm();
+        let twisted = Vector3::from(press.off_nm(&F)).norm();
         Some(Contact {
-            moment_off_nm: wish.twists().then_some(twisted),
-            newtons: wish.newtons,
-            pressed_n: -wish.e.dot(&Vector3::from(truth.contact_force_n)),
-            across_mm: 1e3 * linear::linear(&wish.across(error)).norm(),
-            borne: wish.axes().iter().map(borne).fold(0.0, f64::max),
+            moment_off_nm: press.twists().then_some(twisted),
+            newtons: press.newtons,
+            ramp_s: press.ramp_s(),
+            e: press.e,
+            pressed_n: -press.e.dot(&Vector3::from(truth.contact_force_n)),
+            across_mm: 1e3 * linear::linear(&press.across(error)).norm(),
+            borne: press.axes().iter().map(borne).fold(0.0, f64::max),
         })
     }
 
@@ -265,8 +271,8 @@ impl<const N: usize> GroundTruth for Truth<N> {
         let free = free_axis::free_axis(&self.task);
         let turn = free_axis::rotation_error(&desired.R, &R, free.as_ref());
         let error = linear::stack(&(desired.p - Vector3::from(truth.p_BE)), &turn);
-        let wish = self.forces.at(place.leg, &R);
-        let error = wish.map_or(error, |wish| wish.across(&error));
+        let press = self.forces.at(place.leg, &R);
+        let error = press.map_or(error, |press| press.across(&error));
         // Times zero, not zero: a NaN stays one.
         Vector6::from_fn(|i, _| error[i] * if self.task[i] { 1.0 } else { 0.0 })
     }

@@ -55,7 +55,7 @@ pub(crate) struct Arm {
 }
 
 impl Arm {
-    fn new(py: Python<'_>, made: Result<arm::Arm, Refused>) -> PyResult<Self> {
+    pub(crate) fn new(py: Python<'_>, made: Result<arm::Arm, Refused>) -> PyResult<Self> {
         let inner = made.map_err(refused)?;
         let (robot, tip) = (inner.robot(), inner.tip().to_owned());
         let values = |value: fn(&Joint) -> f64| {

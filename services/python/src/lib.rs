@@ -24,7 +24,7 @@ mod _armplane {
     #[pymodule_export]
     use crate::trial::{
         check_scenario, draw_lines, law_names, orthogonal_bar_deg, random_twists, run_trial,
-        trace_trial,
+        scenario_arm, trace_trial,
     };
     use pyo3::prelude::*;
 

@@ -10,6 +10,7 @@ use session::load::{Loaded, Source};
 use session::{Failure, Progress, Steering, Targets};
 use shared_types::scenario::{Goal, Strategy};
 
+use crate::arm::Arm;
 use crate::refused;
 
 /// A scenario by its name, its path, or its text, which has more than one line.
@@ -37,6 +38,15 @@ pub(crate) fn check_scenario(
 ) -> PyResult<()> {
     py.detach(|| source(scenario)?.parse(&settings).map(drop))
         .map_err(refused)
+}
+
+/// The arm of a scenario, at its frame.
+#[pyfunction]
+pub(crate) fn scenario_arm(py: Python<'_>, scenario: &str, settings: Vec<String>) -> PyResult<Arm> {
+    let loaded = py
+        .detach(|| load(scenario, &settings, None))
+        .map_err(refused)?;
+    Arm::new(py, arm::Arm::new(loaded.robot, loaded.scenario.frame()))
 }
 
 /// The row of a run as JSON; where a step refuses the scenario, only `outcome` and `reason`.

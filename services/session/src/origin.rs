@@ -405,6 +405,11 @@ fn check(
             "a branch keeps the `{key}` of its run: it can change control, plant, faults and what comes after the tick"
         )));
     }
+    if before.graph != after.graph {
+        return Err(refuse(
+            "these settings change its processes or topics, and a branch keeps them: run it from the beginning",
+        ));
+    }
     let began = (0..begun).find(|segment| changed(&format!("/segment/{segment}")));
     if let Some(segment) = began {
         return Err(refuse(&format!(

@@ -56,6 +56,8 @@ const BY_OBSERVER: Tuning = Tuning {
 const LEAST_N: f64 = 0.1;
 /// Share of the approach's speed with which the rim of a face may move while the hand turns.
 const TURNING: f64 = 0.3;
+/// Cosine of the angle by which a force's axis may turn in a tick and be the same: 30°.
+const SAME_AXIS: f64 = 0.866;
 /// ω_i, 1/s.
 const INTEGRAL: f64 = 5.0;
 /// Share of the force from which on there is a contact, and the least such force, N.
@@ -97,7 +99,7 @@ struct Wanted {
 
 /// A force that is asked for at a tick.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Wish<'a> {
+pub(crate) struct Press<'a> {
     /// On which terms.
     terms: &'a Force,
     /// Set-point, N.
@@ -135,6 +137,8 @@ pub(crate) struct Pressing {
     stage: Stage,
     set_n: f64,
     felt_n: f64,
+    /// Direction of the tick before, base axes.
+    e: Vector3<f64>,
     /// The newest wrench of the wrist's sensor about E, base axes; of a steered run without one the observer's; N, N·m.
     pub(crate) wrist: Vector6<f64>,
     /// Along the force.
@@ -217,13 +221,13 @@ impl Tuning {
     }
 
     /// Speed of the approach, m/s: the impact on a surface as stiff as stated is at most twice the set-point.
-    fn approach(&self, wish: &Wish<'_>) -> f64 {
+    fn approach(&self, press: &Press<'_>) -> f64 {
         let Force {
             stiffness_n_m,
             approach_m_s,
             ..
-        } = wish.terms;
-        let gentle = std::f64::consts::E * self.omega * wish.newtons / stiffness_n_m;
+        } = press.terms;
+        let gentle = std::f64::consts::E * self.omega * press.newtons / stiffness_n_m;
         approach_m_s.min(gentle)
     }
 }
@@ -273,7 +277,7 @@ impl Forces {
     }
 
     /// The force of a leg, and its direction for a hand that is turned by `R_BE`.
-    pub(crate) fn at(&self, leg: usize, R_BE: &Matrix3<f64>) -> Option<Wish<'_>> {
+    pub(crate) fn at(&self, leg: usize, R_BE: &Matrix3<f64>) -> Option<Press<'_>> {
         let wanted = self.0.get(leg)?.as_ref()?;
         let terms = &wanted.force;
         let turned = |(axis, of_tool): Direction| match of_tool {
@@ -281,7 +285,7 @@ impl Forces {
             false => axis.into(),
         };
         let moment = |i: usize| wanted.moments.get(i);
-        (terms.newtons > 0.0).then(|| Wish {
+        (terms.newtons > 0.0).then(|| Press {
             terms,
             newtons: terms.newtons,
             e: turned(wanted.direction),
@@ -296,7 +300,7 @@ impl Forces {
         &self,
         target: &TargetContent,
         R_BE: &Matrix3<f64>,
-    ) -> Option<Wish<'_>> {
+    ) -> Option<Press<'_>> {
         let Wanted {
             force: terms,
             face_m,
@@ -305,7 +309,7 @@ impl Forces {
         let force = Vector3::from(target.force);
         let newtons = force.norm();
         let e = force / newtons;
-        (newtons > 0.0).then(|| Wish {
+        (newtons > 0.0).then(|| Press {
             terms,
             newtons,
             e: match target.force_frame {
@@ -329,11 +333,11 @@ impl Forces {
     ) {
         let before = progress.leg;
         path.advance(progress, dt_s, report);
-        if let Some(wish) = self.at(before, &X_BE.R)
+        if let Some(press) = self.at(before, &X_BE.R)
             && progress.leg != before
         {
-            progress.start.p += wish.along(&(X_BE.p - progress.start.p));
-            progress.start.R = wish.turned(&progress.start.R, &X_BE.R);
+            progress.start.p += press.along(&(X_BE.p - progress.start.p));
+            progress.start.R = press.turned(&progress.start.R, &X_BE.R);
             // Its goal may be a place.
             progress.begun = false;
             path.advance(progress, 0.0, report);
@@ -349,31 +353,31 @@ impl Forces {
         now: &Now<'_, N>,
     ) {
         let Now { terms, qdot, .. } = *now;
-        let Some(wish) = self.wish(state, now) else {
+        let Some(press) = self.press(state, now) else {
             return;
         };
-        let own = |V: Vector6<f64>| V - wish.across(&V);
-        desired.p += wish.along(&(terms.X_BE.p - desired.p));
-        desired.R = wish.turned(&desired.R, &terms.X_BE.R);
+        let own = |V: Vector6<f64>| V - press.across(&V);
+        desired.p += press.along(&(terms.X_BE.p - desired.p));
+        desired.R = press.turned(&desired.R, &terms.X_BE.R);
         desired.V += own(terms.J * qdot - desired.V);
         desired.a -= own(desired.a);
     }
 
     /// The force of this tick. The axes of its moments as far as they are left: what is lost of them follows the path.
-    fn wish<const N: usize>(&self, state: &State<N>, now: &Now<'_, N>) -> Option<Wish<'_>> {
+    fn press<const N: usize>(&self, state: &State<N>, now: &Now<'_, N>) -> Option<Press<'_>> {
         let R_BE = &now.terms.X_BE.R;
         if state.targets.presses {
             return self.of_target(&state.targets.held, R_BE);
         }
-        let mut wish = self.at(state.progress.leg, R_BE)?;
-        for axis in &mut wish.about {
+        let mut press = self.at(state.progress.leg, R_BE)?;
+        for axis in &mut press.about {
             *axis *= if state.force.turns {
                 left(now, axis).sqrt()
             } else {
                 0.0
             };
         }
-        Some(wish)
+        Some(press)
     }
 
     /// Whether an arm can press as a target asks: its joints hold the force, each with up to its `effort`, N·m, and there is something to press on that is not
@@ -385,11 +389,11 @@ impl Forces {
         effort: &SVector<f64, N>,
         dt: f64,
     ) -> bool {
-        self.of_target(target, &terms.X_BE.R).is_some_and(|wish| {
-            let row = pressing_row(terms, &wish.e);
-            let is_held = |(_, most)| (LEAST_N..=most).contains(&wish.newtons);
+        self.of_target(target, &terms.X_BE.R).is_some_and(|press| {
+            let row = pressing_row(terms, &press.e);
+            let is_held = |(_, most)| (LEAST_N..=most).contains(&press.newtons);
             let is_soft =
-                |(_, mobility)| wish.terms.stiffness_n_m <= STIFFEST / (mobility * dt * dt);
+                |(_, mobility)| press.terms.stiffness_n_m <= STIFFEST / (mobility * dt * dt);
             strongest(terms, effort, &row).is_some_and(is_held)
                 && response(terms, &row).is_ok_and(is_soft)
         })
@@ -412,8 +416,8 @@ impl Forces {
             ));
         }
         (0..self.0.len()).find_map(|leg| {
-            let wish = self.at(leg, &terms.X_BE.R)?;
-            let (force, e) = (wish.terms, wish.e);
+            let press = self.at(leg, &terms.X_BE.R)?;
+            let (force, e) = (press.terms, press.e);
             let is_unserved = |axis: &Vector3<f64>, first: usize| {
                 (0..3).any(|i| !task[first + i] && axis[i].abs() > UNSERVED)
             };
@@ -423,7 +427,7 @@ impl Forces {
                     force.axis
                 ));
             }
-            let twists = wish.about.iter().zip(&force.moments);
+            let twists = press.about.iter().zip(&force.moments);
             for (about, moment) in twists {
                 let row = terms.J.fixed_rows::<3>(3).tr_mul(about);
                 let (joint, most) = strongest(terms, effort, &(row * moment.newton_metres.signum()))?;
@@ -437,7 +441,7 @@ impl Forces {
                         joint + 1,
                         most.max(0.0)
                     )
-                } else if wish.turning_stiffness() > stiffest {
+                } else if press.turning_stiffness() > stiffest {
                     let smaller_m = (2.0 * stiffest / force.stiffness_n_m).sqrt();
                     format!("would swing up: take a face of {smaller_m:.2} m at most, or raise rate_hz")
                 } else {
@@ -471,7 +475,7 @@ impl Forces {
     }
 }
 
-impl Wish<'_> {
+impl Press<'_> {
     /// A pose error, or a twist, without what is along e or about the axes of the moments.
     pub(crate) fn across(&self, V: &Vector6<f64>) -> Vector6<f64> {
         let (v, omega) = (linear(V), angular(V));
@@ -513,6 +517,11 @@ impl Wish<'_> {
         [stack(&self.e, &Vector3::zeros()), a, b, c]
     }
 
+    /// Time in which the set-point rises, s.
+    pub(crate) fn ramp_s(&self) -> f64 {
+        self.terms.ramp_s
+    }
+
     /// Whether a moment is asked for.
     pub(crate) fn twists(&self) -> bool {
         !self.terms.moments.is_empty()
@@ -552,12 +561,12 @@ pub(crate) fn step<const N: usize>(
 ) -> Result<(), Refusal> {
     let wrist = now.wrist.copied().unwrap_or(state.force.wrist);
     let leg = state.progress.leg;
-    let Some(wish) = setup.forces.wish(state, now) else {
+    let Some(press) = setup.forces.press(state, now) else {
         state.force = Pressing::touching(wrist);
         return Ok(());
     };
     state.force.wrist = wrist;
-    let e = wish.e;
+    let e = press.e;
     let row = pressing_row(now.terms, &e);
     let has_sensor = setup.scenario.plant.wrist_sensor;
     let felt = Felt {
@@ -572,10 +581,10 @@ pub(crate) fn step<const N: usize>(
     };
     let dt = setup.scenario.dt_s();
     let tuning = Tuning::of(has_sensor, dt);
-    let v = (state.force).step(&wish, leg, &felt, &tuning, dt)?;
+    let v = (state.force).step(&press, leg, &felt, &tuning, dt)?;
     let along = |x: f64| stack(&(e * x), &Vector3::zeros());
     let a = tuning.acceleration(v, felt.speed);
-    let (alpha, turning) = (state.force).twist(&wish, &wrist, now, &tuning, dt);
+    let (alpha, turning) = (state.force).twist(&press, &wrist, now, &tuning, dt);
     let r = now.terms.X_BE.R * now.p_EC;
     motion.a += stack(&alpha.cross(&r), &alpha);
     let served;
@@ -640,13 +649,13 @@ fn response<const N: usize>(
 /// # Errors
 /// [`Refusal::Singular`] of a mass matrix that has no inverse.
 pub(crate) fn observed<const N: usize>(
-    wish: &Wish<'_>,
+    press: &Press<'_>,
     terms: &Terms<N>,
     tau_disturbance: &SVector<f64, N>,
 ) -> Result<Vector6<f64>, Refusal> {
-    let row = pressing_row(terms, &wish.e);
+    let row = pressing_row(terms, &press.e);
     let (response, mobility) = response(terms, &row)?;
-    let force = wish.e * (response.dot(tau_disturbance) / mobility);
+    let force = press.e * (response.dot(tau_disturbance) / mobility);
     Ok(stack(&force, &Vector3::zeros()))
 }
 
@@ -665,25 +674,27 @@ impl Pressing {
     /// The speed along e that the force asks for, that of the surface included; m/s.
     fn step(
         &mut self,
-        wish: &Wish<'_>,
+        press: &Press<'_>,
         leg: usize,
         felt: &Felt,
         tuning: &Tuning,
         dt: f64,
     ) -> Result<f64, Refusal> {
-        if self.leg != leg + 1 {
-            self.begin(leg, felt);
+        let is_same_axis = press.e.dot(&self.e) > SAME_AXIS;
+        if self.leg != leg + 1 || !is_same_axis {
+            self.begin(leg, is_same_axis, felt);
         }
-        let (force, newtons) = (wish.terms, wish.newtons);
+        self.e = press.e;
+        let (force, newtons) = (press.terms, press.newtons);
         self.felt_n += (felt.force_n - self.felt_n) * dt / (tuning.felt_s + dt);
-        self.change(wish, felt, dt);
+        self.change(press, felt, dt);
         let is_touching = matches!(self.stage, Stage::Rising | Stage::Moving);
         if self.stage != Stage::Moving {
             self.waited_s += dt;
         }
-        let approach = tuning.approach(wish);
+        let approach = tuning.approach(press);
         let went_m = felt.place_m - self.from_m;
-        let is_far = !is_touching && went_m > force.reach_m;
+        let is_far = self.stage != Stage::Moving && went_m > force.reach_m;
         if is_far || self.waited_s > PATIENCE_S.max(PATIENCE * force.reach_m / approach) {
             // Where something was met, there is a set-point.
             return Err(match (is_touching, self.set_n > 0.0) {
@@ -695,7 +706,7 @@ impl Pressing {
         if !is_touching {
             return Ok(approach);
         }
-        let rise = newtons / force.ramp_s * dt;
+        let rise = newtons.max(self.set_n) / force.ramp_s * dt;
         self.set_n += (newtons - self.set_n).clamp(-rise, rise);
         let axis = Along {
             set: self.set_n,
@@ -712,28 +723,28 @@ impl Pressing {
     /// In the air there is no moment to control: the hand comes to rest about these axes.
     fn twist<const N: usize>(
         &mut self,
-        wish: &Wish<'_>,
+        press: &Press<'_>,
         wrist: &Vector6<f64>,
         now: &Now<'_, N>,
         tuning: &Tuning,
         dt: f64,
     ) -> (Vector3<f64>, Vector3<f64>) {
         let is_touching = matches!(self.stage, Stage::Rising | Stage::Moving);
-        self.turns = wish.twists() && (self.turns || is_touching);
+        self.turns = press.twists() && (self.turns || is_touching);
         if !self.turns {
             return Default::default();
         }
         let omega = now.terms.J.fixed_rows::<3>(3) * now.qdot;
-        let share = self.set_n / wish.newtons;
+        let share = self.set_n / press.newtons;
         let mut largest_nm = 0.0_f64;
         let alpha = (0..MOMENTS).map(|i| {
-            let about = wish.about[i];
+            let about = press.about[i];
             let axis = Along {
-                set: wish.newton_metres[i] * share * about.norm(),
+                set: press.newton_metres[i] * share * about.norm(),
                 felt: -about.dot(&angular(wrist)),
                 speed: about.dot(&omega),
-                stiffness: wish.turning_stiffness(),
-                fastest: TURNING * wish.terms.approach_m_s / wish.face_m,
+                stiffness: press.turning_stiffness(),
+                fastest: TURNING * tuning.approach(press) / press.face_m,
             };
             largest_nm = largest_nm.max((axis.set - axis.felt).abs());
             let speed = match is_touching {
@@ -744,8 +755,8 @@ impl Pressing {
             about * tuning.acceleration(speed, axis.speed)
         });
         let alpha = alpha.sum();
-        self.is_off = largest_nm > REACHED.0 * wish.newtons * wish.face_m;
-        (alpha, wish.turn(&omega))
+        self.is_off = largest_nm > REACHED.0 * press.newtons * press.face_m;
+        (alpha, press.turn(&omega))
     }
 
     /// −JᵀF: what bears the contact that the wrist's sensor measures; N·m. `None`: there is none.
@@ -762,10 +773,10 @@ impl Pressing {
         }
     }
 
-    /// A segment begins; a contact goes on into it.
-    fn begin(&mut self, leg: usize, felt: &Felt) {
+    /// A segment begins, or a force along another axis; a contact along the same one goes on into it.
+    fn begin(&mut self, leg: usize, is_same_axis: bool, felt: &Felt) {
         let (stage, set_n) = match self.stage {
-            Stage::Moving => (Stage::Rising, self.set_n),
+            Stage::Moving if is_same_axis => (Stage::Rising, self.set_n),
             _ => (Stage::Seeking, 0.0),
         };
         *self = Self {
@@ -780,8 +791,8 @@ impl Pressing {
     }
 
     /// The stage after this tick.
-    fn change(&mut self, wish: &Wish<'_>, felt: &Felt, dt: f64) {
-        let (force, newtons) = (wish.terms, wish.newtons);
+    fn change(&mut self, press: &Press<'_>, felt: &Felt, dt: f64) {
+        let (force, newtons) = (press.terms, press.newtons);
         let touch = (TOUCH.0 * newtons).max(TOUCH.1).min(0.5 * newtons);
         let is_reached = match force.until_newtons {
             Some(until) => self.felt_n >= until,
@@ -802,6 +813,7 @@ impl Pressing {
             let meets = matches!(self.stage, Stage::Seeking | Stage::Lost);
             (self.stage, self.lasted_s) = (next, 0.0);
             if meets {
+                self.from_m = felt.place_m;
                 self.set_n = self.felt_n.min(newtons);
                 self.along = Compliance {
                     depth: felt.force_n / force.stiffness_n_m,
@@ -818,6 +830,7 @@ impl Pressing {
         ForceCheckpoint {
             set_n: self.set_n,
             felt_n: self.felt_n,
+            e: self.e.into(),
             wrist: self.wrist.into(),
             along: [
                 self.along.depth,
@@ -846,6 +859,7 @@ impl Pressing {
             stage: STAGES.get(from.stage as usize).copied().unwrap_or_default(),
             set_n: from.set_n,
             felt_n: from.felt_n,
+            e: from.e.into(),
             wrist: from.wrist.into(),
             along: compliance(from.along),
             about: from.about.map(compliance),
@@ -869,8 +883,8 @@ mod tests {
         Forces::of(&scenario).0[0].clone().unwrap().force
     }
 
-    fn wish(terms: &Force) -> Wish<'_> {
-        Wish {
+    fn press(terms: &Force) -> Press<'_> {
+        Press {
             terms,
             newtons: terms.newtons,
             e: -Vector3::z(),
@@ -898,7 +912,9 @@ mod tests {
                 };
                 peak = peak.max(felt.force_n);
                 let tuning = Tuning::of(true, dt);
-                let wanted = pressing.step(&wish(&force), 0, &felt, &tuning, dt).unwrap();
+                let wanted = pressing
+                    .step(&press(&force), 0, &felt, &tuning, dt)
+                    .unwrap();
                 v += tuning.acceleration(wanted, v) * dt;
                 x += v * dt;
                 assert!(v <= 0.0201, "{v}");
@@ -947,7 +963,7 @@ mod tests {
                 place_m: 2e-5 * f64::from(ticks),
             };
             ticks += 1;
-            match pressing.step(&wish(&force), 0, &felt, &BY_SENSOR, 1e-3) {
+            match pressing.step(&press(&force), 0, &felt, &BY_SENSOR, 1e-3) {
                 Ok(_) => assert!(ticks < 3000),
                 other => break other,
             }

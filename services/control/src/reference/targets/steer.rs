@@ -182,11 +182,11 @@ impl<const N: usize> Controller<N> {
         if targets.goes_by_joints() || targets.stops.now {
             *force = Pressing::touching(force.wrist);
         }
-        let wish = self.setup.forces.of_target(&targets.held, &terms.X_BE.R);
-        let felt = match (inputs.wrist, wish) {
+        let press = self.setup.forces.of_target(&targets.held, &terms.X_BE.R);
+        let felt = match (inputs.wrist, press) {
             (Some(wrist), _) => Ok(*wrist),
-            (None, Some(wish)) if targets.presses => {
-                force::observed(&wish, terms, inputs.tau_disturbance)
+            (None, Some(press)) if targets.presses => {
+                force::observed(&press, terms, inputs.tau_disturbance)
             }
             _ => Ok(Vector6::zeros()),
         };
@@ -431,13 +431,13 @@ impl<const N: usize> TargetState<N> {
         age_s: f64,
         forces: &'a Forces,
         R_BE: &Matrix3<f64>,
-    ) -> Option<force::Wish<'a>> {
+    ) -> Option<force::Press<'a>> {
         let held = &self.held;
         let is_over = age_s > held.valid_s || self.over.is_some() || self.stops.now;
-        let wish = forces.of_target(held, R_BE);
-        let wish = wish.filter(|_| !is_over && held.force != self.given_up && !self.is_posture());
-        self.presses = wish.is_some();
-        wish
+        let press = forces.of_target(held, R_BE);
+        let press = press.filter(|_| !is_over && held.force != self.given_up && !self.is_posture());
+        self.presses = press.is_some();
+        press
     }
 
     /// Takes a target in, or refuses and counts it: once for each time at which one was given.
