@@ -108,7 +108,9 @@ impl ForceMeter {
 
     /// The largest force of a contact that is asked for at this tick; N.
     pub(super) fn most_n(&self) -> f64 {
-        MOST * larger(self.leg.asked_n, self.leg.before_n)
+        // A set-point on its way down is still asked for.
+        let now_n = larger(self.leg.asked_n, self.leg.set_n);
+        MOST * larger(now_n, self.leg.before_n)
     }
 
     fn reach(&mut self, index: usize, force: Option<&Contact>, touches: bool) {
