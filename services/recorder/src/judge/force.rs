@@ -299,4 +299,39 @@ mod tests {
         assert_eq!(most_n[999..], [20.0, 200.0, 200.0, 200.0, 0.0, 0.0]);
         assert!((meter.finish().unwrap().rms_n - 20.0).abs() < 1e-12);
     }
+
+    /// A target's 10 N that are there, 1 N that they ramp down to, then a second of 10 N that are not.
+    #[test]
+    fn a_changed_force_is_judged_by_its_ramp_and_one_that_never_comes_is_counted() {
+        let mut meter = ForceMeter::default();
+        let mut tick = |newtons, pressed_n, e: Vector3<f64>| {
+            let contact = Contact {
+                newtons,
+                ramp_s: 0.3,
+                e,
+                pressed_n,
+                across_mm: 0.0,
+                borne: 0.0,
+                moment_off_nm: None,
+            };
+            if e.dot(&meter.leg.e) < SAME_AXIS {
+                meter.reach(meter.leg.index + 1, Some(&contact), true);
+            }
+            let is_reached = meter.is_reached(&contact, 1e-3);
+            meter.take(&contact, is_reached, true);
+            meter.leg.set_n
+        };
+        let down = -Vector3::z();
+        (0..100).for_each(|_| assert!((tick(10.0, 10.0, down) - 10.0).abs() < 1e-12));
+        let ramped: Vec<f64> = (0..1000).map(|_| tick(1.0, 1.0, down)).collect();
+        assert!(ramped[99] > 6.0 && ramped[999] == 1.0, "{ramped:?}");
+        (0..1001).for_each(|_| _ = tick(10.0, 0.0, Vector3::x()));
+        let found = ForceMeter {
+            has_begun: true,
+            ..meter
+        };
+        let found = found.finish().unwrap();
+        assert_eq!((found.unreached, found.ticks), (1, 1051));
+        assert!(unkept(&found, &Goal::default()).is_some());
+    }
 }
