@@ -253,36 +253,7 @@ impl Scenario {
             format!("{MOST_SEGMENTS} at most"),
         )?;
         let mut segments = self.segment.iter().enumerate();
-        segments.try_for_each(|(i, segment)| segment.check(i))?;
-        let twists = |one: &Segment| one.force.as_ref().is_some_and(|it| !it.moments.is_empty());
-        if let Some(i) = self.segment.iter().position(twists) {
-            let key = format!("segment.{i}.force.moments");
-            require(
-                self.plant.face_radius_m > 0.0,
-                &key,
-                "a hand that touches with a point cannot be twisted by what it presses on",
-                "give the hand a face: plant.face_radius_m, such as 0.03",
-            )?;
-            let force = self.segment[i].force.as_ref();
-            let rim_nm = force.map_or(0.0, |one| one.newtons) * self.plant.face_radius_m;
-            let moments = force.map_or(&[][..], |one| &one.moments).iter();
-            let asked_nm = moments
-                .map(|one| one.newton_metres.powi(2))
-                .sum::<f64>()
-                .sqrt();
-            require(
-                asked_nm < rim_nm,
-                &key,
-                format!("moments of {asked_nm} N·m would roll the hand over the rim of its face"),
-                format!("less than {rim_nm} N·m together, the force times plant.face_radius_m"),
-            )?;
-            require(
-                self.plant.wrist_sensor,
-                key,
-                "a moment is controlled by the sensor at the wrist, and there is none",
-                "plant.wrist_sensor = true",
-            )?;
-        }
+        segments.try_for_each(|(i, segment)| segment.check(i, &self.plant))?;
         require(
             self.duration_s() <= 36_000.0,
             "segment",

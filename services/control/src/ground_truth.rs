@@ -5,7 +5,7 @@
 //! time, the goal that depends on a singular direction, and the directions whose error is exempt follow from the truth.
 
 use crate::centre::PoseMotion;
-use crate::law::force::Forces;
+use crate::law::force::{self, Forces};
 use crate::linear;
 use crate::plan::{self, kinematics::Kinematics};
 use crate::reference::free_axis;
@@ -91,6 +91,23 @@ pub struct Contact {
     pub borne: f64,
     /// The error of the moments together, N·m; `None`: none is asked for.
     pub moment_off_nm: Option<f64>,
+}
+
+impl Contact {
+    /// Share of a force within which it has come about, and for how long, s.
+    pub const REACHED: (f64, f64) = force::REACHED;
+
+    /// Whether its direction is another one than `e`.
+    #[must_use]
+    pub fn is_away_from(&self, e: &Vector3<f64>) -> bool {
+        self.e.dot(e) < force::SAME_AXIS
+    }
+
+    /// The set-point of a force of `before_n`, N, a tick of `dt_s` s later.
+    #[must_use]
+    pub fn set_point(&self, before_n: f64, dt_s: f64) -> f64 {
+        force::ramped(before_n, self.newtons, self.ramp_s, dt_s)
+    }
 }
 
 /// A leg's demand on the posture, and how the posture meets it.

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::curve::{Axis, is_near};
+use super::plant::Plant;
 use crate::file::{Complaint, key_within, require};
 
 /// A force that the hand keeps along one direction while it follows the segment's path in all others.
@@ -81,6 +82,9 @@ fn reach_m() -> f64 {
 }
 
 impl Force {
+    /// Least set-point; N.
+    pub const LEAST_N: f64 = 0.1;
+
     /// The terms of a force that a target asks for, on a surface of so many N/m.
     #[must_use]
     pub fn on(stiffness_n_m: f64) -> Self {
@@ -102,15 +106,15 @@ impl Force {
         direction(&self.axis)
     }
 
-    pub(super) fn check(&self) -> Result<(), Complaint> {
+    pub(super) fn check(&self, plant: &Plant) -> Result<(), Complaint> {
         check_axis("force.axis", &self.axis)?;
         let newtons = self.newtons;
         for (key, value, range) in [
-            ("newtons", newtons, 0.1..=1e4),
+            ("newtons", newtons, Self::LEAST_N..=1e4),
             (
                 "until_newtons",
                 self.until_newtons.unwrap_or(newtons),
-                0.1..=newtons.max(0.1),
+                Self::LEAST_N..=newtons.max(Self::LEAST_N),
             ),
             ("stiffness_n_m", self.stiffness_n_m, 10.0..=1e6),
             ("ramp_s", self.ramp_s, 1e-3..=60.0),
@@ -119,6 +123,12 @@ impl Force {
         ] {
             key_within("force.", key, value, range)?;
         }
+        self.check_moments(plant)
+    }
+
+    /// The axes of the moments by themselves, and whether a hand with this face and sensor can keep them.
+    fn check_moments(&self, plant: &Plant) -> Result<(), Complaint> {
+        const KEY: &str = "force.moments";
         let mut moments = self.moments.iter().enumerate();
         moments.try_for_each(|(i, moment)| {
             let key = format!("force.moments.{i}");
@@ -136,7 +146,31 @@ impl Force {
                 "the axes of the moments are not at right angles, or not all in base axes or all in the hand's",
                 "axes such as `tool x` and `tool y`",
             )
-        })
+        })?;
+        if self.moments.is_empty() {
+            return Ok(());
+        }
+        require(
+            plant.face_radius_m > 0.0,
+            KEY,
+            "a hand that touches with a point cannot be twisted by what it presses on",
+            "give the hand a face: plant.face_radius_m, such as 0.03",
+        )?;
+        let rim_nm = self.newtons * plant.face_radius_m;
+        let squares = self.moments.iter().map(|one| one.newton_metres.powi(2));
+        let asked_nm = squares.sum::<f64>().sqrt();
+        require(
+            asked_nm < rim_nm,
+            KEY,
+            format!("moments of {asked_nm} N·m would roll the hand over the rim of its face"),
+            format!("less than {rim_nm} N·m together, the force times plant.face_radius_m"),
+        )?;
+        require(
+            plant.wrist_sensor,
+            KEY,
+            "a moment is controlled by the sensor at the wrist, and there is none",
+            "plant.wrist_sensor = true",
+        )
     }
 }
 

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::curve::{AXES, Arc, Axis, Points, Table, is_near, is_rotation};
 use super::force::Force;
+use super::plant::Plant;
 use crate::file::{Complaint, require};
 
 /// The start posture, by exactly one of these keys.
@@ -174,7 +175,7 @@ impl Segment {
         })
     }
 
-    pub(super) fn check(&self, i: usize) -> Result<(), Complaint> {
+    pub(super) fn check(&self, i: usize, plant: &Plant) -> Result<(), Complaint> {
         let located = |complaint: Complaint| match complaint.path.as_str() {
             "" => Complaint {
                 path: format!("segment.{i}"),
@@ -187,7 +188,11 @@ impl Segment {
             .and_then(|()| self.check_curve())
             .and_then(|()| self.check_rotation())
             .and_then(|()| self.check_directions())
-            .and_then(|()| self.force.as_ref().map_or(Ok(()), Force::check))
+            .and_then(|()| {
+                self.force
+                    .as_ref()
+                    .map_or(Ok(()), |force| force.check(plant))
+            })
             .map_err(located)
     }
 

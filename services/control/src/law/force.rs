@@ -52,18 +52,16 @@ const BY_OBSERVER: Tuning = Tuning {
     omega_o: 30.0,
     felt_s: 0.1,
 };
-/// Least force that a target asks for, N: as of a segment.
-const LEAST_N: f64 = 0.1;
 /// Share of the approach's speed with which the rim of a face may move while the hand turns.
 const TURNING: f64 = 0.3;
 /// Cosine of the angle by which a force's axis may turn in a tick and be the same: 30°.
-const SAME_AXIS: f64 = 0.866;
+pub(crate) const SAME_AXIS: f64 = 0.866;
 /// ω_i, 1/s.
 const INTEGRAL: f64 = 5.0;
 /// Share of the force from which on there is a contact, and the least such force, N.
 const TOUCH: (f64, f64) = (0.1, 0.7);
 /// Share of the force within which it counts as reached, and for how long, s.
-const REACHED: (f64, f64) = (0.1, 0.05);
+pub(crate) const REACHED: (f64, f64) = (0.1, 0.05);
 /// How long the force is away before a contact is lost, s.
 const LOST_S: f64 = 0.02;
 /// How long a segment waits for its force, s, or this many times as long as a slow approach takes.
@@ -86,13 +84,15 @@ pub(crate) struct Forces(Vec<Option<Wanted>>);
 
 /// Most moments of a force.
 const MOMENTS: usize = 3;
+const NO_MOMENTS: [(Direction, f64); MOMENTS] = [(([0.0; 3], false), 0.0); MOMENTS];
 
 /// A force, its direction, and the moments with it.
 #[derive(Clone, Debug, PartialEq)]
 struct Wanted {
     force: Force,
     direction: Direction,
-    moments: Vec<(Direction, f64)>,
+    /// The axes of the moments, and the set-points, N·m; zero beyond their number.
+    moments: [(Direction, f64); MOMENTS],
     /// Radius of the hand's face, m; zero: it touches with a point.
     face_m: f64,
 }
@@ -165,7 +165,7 @@ struct Compliance {
     integral: f64,
 }
 
-/// What an axis asks for and feels: a force, N, and speeds, m/s; or a moment, N·m, and rad/s.
+/// Set-point and measurements of an axis: a force, N, and speeds, m/s; or a moment, N·m, and rad/s.
 #[derive(Clone, Copy, Debug)]
 struct Along {
     set: f64,
@@ -240,17 +240,37 @@ struct Felt {
     place_m: f64,
 }
 
+impl Wanted {
+    /// So many newtons along a direction, and the moments, for a hand that is turned by `R_BE`; `None` of no force.
+    fn press(&self, newtons: f64, direction: Direction, R_BE: &Matrix3<f64>) -> Option<Press<'_>> {
+        let turned = |(axis, of_tool): Direction| match of_tool {
+            true => R_BE * Vector3::from(axis),
+            false => axis.into(),
+        };
+        (newtons > 0.0).then(|| Press {
+            terms: &self.force,
+            newtons,
+            e: turned(direction),
+            about: self.moments.map(|(axis, _)| turned(axis)),
+            newton_metres: self.moments.map(|(_, newton_metres)| newton_metres),
+            face_m: self.face_m,
+        })
+    }
+}
+
 impl Forces {
     /// Those of a scenario.
     pub(crate) fn of(scenario: &Scenario) -> Self {
         let face_m = scenario.plant.face_radius_m;
         let force = |force: &Force| {
-            let moments = force.moments.iter();
-            let moments = moments.filter_map(|one| Some((one.direction()?, one.newton_metres)));
+            let mut moments = NO_MOMENTS;
+            for (place, one) in moments.iter_mut().zip(&force.moments) {
+                *place = (one.direction()?, one.newton_metres);
+            }
             Some(Wanted {
                 force: force.clone(),
                 direction: force.direction()?,
-                moments: moments.collect(),
+                moments,
                 face_m,
             })
         };
@@ -261,7 +281,7 @@ impl Forces {
             return Self(vec![Some(Wanted {
                 force: Force::on(session.stiffness_n_m),
                 direction: ([0.0; 3], false),
-                moments: Vec::new(),
+                moments: NO_MOMENTS,
                 face_m,
             })]);
         }
@@ -279,20 +299,7 @@ impl Forces {
     /// The force of a leg, and its direction for a hand that is turned by `R_BE`.
     pub(crate) fn at(&self, leg: usize, R_BE: &Matrix3<f64>) -> Option<Press<'_>> {
         let wanted = self.0.get(leg)?.as_ref()?;
-        let terms = &wanted.force;
-        let turned = |(axis, of_tool): Direction| match of_tool {
-            true => R_BE * Vector3::from(axis),
-            false => axis.into(),
-        };
-        let moment = |i: usize| wanted.moments.get(i);
-        (terms.newtons > 0.0).then(|| Press {
-            terms,
-            newtons: terms.newtons,
-            e: turned(wanted.direction),
-            about: array::from_fn(|i| moment(i).map_or(Vector3::zeros(), |one| turned(one.0))),
-            newton_metres: array::from_fn(|i| moment(i).map_or(0.0, |one| one.1)),
-            face_m: wanted.face_m,
-        })
+        wanted.press(wanted.force.newtons, wanted.direction, R_BE)
     }
 
     /// The force of a target, for a hand that is turned by `R_BE`; `None`: it has none, or there is nothing to press on.
@@ -301,25 +308,11 @@ impl Forces {
         target: &TargetContent,
         R_BE: &Matrix3<f64>,
     ) -> Option<Press<'_>> {
-        let Wanted {
-            force: terms,
-            face_m,
-            ..
-        } = self.0.first()?.as_ref()?;
         let force = Vector3::from(target.force);
         let newtons = force.norm();
-        let e = force / newtons;
-        (newtons > 0.0).then(|| Press {
-            terms,
-            newtons,
-            e: match target.force_frame {
-                FRAME_HAND => R_BE * e,
-                _ => e,
-            },
-            about: [Vector3::zeros(); MOMENTS],
-            newton_metres: [0.0; MOMENTS],
-            face_m: *face_m,
-        })
+        let direction = ((force / newtons).into(), target.force_frame == FRAME_HAND);
+        let wanted = self.0.first()?.as_ref()?;
+        wanted.press(newtons, direction, R_BE)
     }
 
     /// Moves on by `dt_s` on the path. A leg after one with a force begins where the surface has left the hand.
@@ -391,11 +384,9 @@ impl Forces {
     ) -> bool {
         self.of_target(target, &terms.X_BE.R).is_some_and(|press| {
             let row = pressing_row(terms, &press.e);
-            let is_held = |(_, most)| (LEAST_N..=most).contains(&press.newtons);
-            let is_soft =
-                |(_, mobility)| press.terms.stiffness_n_m <= STIFFEST / (mobility * dt * dt);
+            let is_held = |(_, most)| (Force::LEAST_N..=most).contains(&press.newtons);
             strongest(terms, effort, &row).is_some_and(is_held)
-                && response(terms, &row).is_ok_and(is_soft)
+                && stiffest(terms, &row, dt).is_some_and(|most| press.terms.stiffness_n_m <= most)
         })
     }
 
@@ -431,8 +422,7 @@ impl Forces {
             for (about, moment) in twists {
                 let row = terms.J.fixed_rows::<3>(3).tr_mul(about);
                 let (joint, most) = strongest(terms, effort, &(row * moment.newton_metres.signum()))?;
-                let (_, mobility) = response(terms, &row).ok()?;
-                let stiffest = STIFFEST / (mobility * dt * dt);
+                let stiffest = stiffest(terms, &row, dt)?;
                 let why = if is_unserved(about, 3) {
                     "the arm's task does not serve all of that axis: take another one".to_owned()
                 } else if most < moment.newton_metres.abs() {
@@ -454,8 +444,7 @@ impl Forces {
             }
             let row = pressing_row(terms, &e);
             let (joint, most) = strongest(terms, effort, &row)?;
-            let (_, mobility) = response(terms, &row).ok()?;
-            let stiffest = STIFFEST / (mobility * dt * dt);
+            let stiffest = stiffest(terms, &row, dt)?;
             if force.stiffness_n_m > stiffest {
                 return Some(format!(
                     "segment {leg} presses on {} N/m, and at {:.0} Hz the hand would bounce off what is stiffer than {stiffest:.0} N/m: raise rate_hz",
@@ -542,6 +531,12 @@ fn strongest<const N: usize>(
     joints.min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
+/// The stiffest surface on which the arm stays along `row` with ticks of `dt` s, N/m or N·m/rad; `None` of a mass matrix that has no inverse.
+fn stiffest<const N: usize>(terms: &Terms<N>, row: &SVector<f64, N>, dt: f64) -> Option<f64> {
+    let (_, mobility) = response(terms, row).ok()?;
+    Some(STIFFEST / (mobility * dt * dt))
+}
+
 /// J_eᵀ: the row of the velocity of E along e.
 fn pressing_row<const N: usize>(terms: &Terms<N>, e: &Vector3<f64>) -> SVector<f64, N> {
     terms.J.fixed_rows::<3>(0).tr_mul(e)
@@ -574,7 +569,7 @@ pub(crate) fn step<const N: usize>(
         force_n: if has_sensor || state.targets.presses {
             -e.dot(&linear(&wrist))
         } else {
-            unexplained(now, &row)?
+            unexplained(now.terms, &row, now.tau_disturbance)?
         },
         speed: row.dot(now.qdot),
         place_m: e.dot(&now.terms.X_BE.p),
@@ -653,16 +648,24 @@ pub(crate) fn observed<const N: usize>(
     terms: &Terms<N>,
     tau_disturbance: &SVector<f64, N>,
 ) -> Result<Vector6<f64>, Refusal> {
-    let row = pressing_row(terms, &press.e);
-    let (response, mobility) = response(terms, &row)?;
-    let force = press.e * (response.dot(tau_disturbance) / mobility);
-    Ok(stack(&force, &Vector3::zeros()))
+    let pressed_n = unexplained(terms, &pressing_row(terms, &press.e), tau_disturbance)?;
+    Ok(stack(&(press.e * -pressed_n), &Vector3::zeros()))
 }
 
 /// The force along e that explains the disturbance torque, −J̄_eᵀτ; N.
-fn unexplained<const N: usize>(now: &Now<'_, N>, row: &SVector<f64, N>) -> Result<f64, Refusal> {
-    let (response, mobility) = response(now.terms, row)?;
-    Ok(-response.dot(now.tau_disturbance) / mobility)
+fn unexplained<const N: usize>(
+    terms: &Terms<N>,
+    row: &SVector<f64, N>,
+    tau_disturbance: &SVector<f64, N>,
+) -> Result<f64, Refusal> {
+    let (response, mobility) = response(terms, row)?;
+    Ok(-response.dot(tau_disturbance) / mobility)
+}
+
+/// A set-point `dt` s later, on its way to so many newtons; the whole way from or to zero takes `ramp_s`. N.
+pub(crate) fn ramped(set_n: f64, newtons: f64, ramp_s: f64, dt: f64) -> f64 {
+    let change = newtons.max(set_n) / ramp_s * dt;
+    set_n + (newtons - set_n).clamp(-change, change)
 }
 
 impl Pressing {
@@ -706,8 +709,7 @@ impl Pressing {
         if !is_touching {
             return Ok(approach);
         }
-        let rise = newtons.max(self.set_n) / force.ramp_s * dt;
-        self.set_n += (newtons - self.set_n).clamp(-rise, rise);
+        self.set_n = ramped(self.set_n, newtons, force.ramp_s, dt);
         let axis = Along {
             set: self.set_n,
             felt: felt.force_n,
@@ -811,17 +813,14 @@ impl Pressing {
         self.lasted_s = if lasts { self.lasted_s + dt } else { 0.0 };
         if lasts && self.lasted_s > long_s {
             let meets = matches!(self.stage, Stage::Seeking | Stage::Lost);
-            (self.stage, self.lasted_s) = (next, 0.0);
+            (self.stage, self.lasted_s, self.from_m) = (next, 0.0, felt.place_m);
             if meets {
-                self.from_m = felt.place_m;
                 self.set_n = self.felt_n.min(newtons);
                 self.along = Compliance {
                     depth: felt.force_n / force.stiffness_n_m,
                     ..Compliance::default()
                 };
                 self.about = Default::default();
-            } else if matches!(next, Stage::Seeking | Stage::Lost) {
-                self.from_m = felt.place_m;
             }
         }
     }

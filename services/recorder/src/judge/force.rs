@@ -12,14 +12,8 @@ use super::tick::Tick;
 /// Multiple of the force asked for beyond which a contact is one that nobody asked for.
 const MOST: f64 = 2.0;
 
-/// Share of a target's force within which it has come about, and for how long, s: the time before that is its approach.
-const REACHED: (f64, f64) = (0.1, 0.05);
-
 /// Time after which a force that has not come about counts as one that does not, s.
 const PATIENCE_S: f64 = 1.0;
-
-/// Cosine of the angle by which a target's axis may turn from one tick to the next and be the same: 30°.
-const SAME_AXIS: f64 = 0.866;
 
 /// Gathers the figures of the segments, or of the targets, with a force.
 #[derive(Debug, Default)]
@@ -68,7 +62,7 @@ impl ForceMeter {
         });
         let force = truth.force(place, target, state, error);
         let is_next = match force {
-            Some(force) => self.leg.asked_n == 0.0 || force.e.dot(&self.leg.e) < SAME_AXIS,
+            Some(force) => self.leg.asked_n == 0.0 || force.is_away_from(&self.leg.e),
             None => self.leg.asked_n > 0.0,
         };
         let leg = place.map_or(self.leg.index + usize::from(is_next), |place| place.leg);
@@ -91,19 +85,19 @@ impl ForceMeter {
         self.take(&contact, moves, state.contacts > 0);
     }
 
-    /// Whether the force has come about since it was asked for. From then on its set-point changes in the time of its ramp.
+    /// Whether the force has come about since it was asked for: the time before that is a target's approach. From then on its set-point changes in the time of its ramp.
     fn is_reached(&mut self, contact: &Contact, dt_s: f64) -> bool {
         let leg = &mut self.leg;
         (leg.asked_s, leg.e) = (leg.asked_s + dt_s, contact.e);
-        if leg.reached_s < REACHED.1 {
+        let (share, long_s) = Contact::REACHED;
+        if leg.reached_s < long_s {
             let off = (contact.pressed_n - contact.newtons).abs();
-            let is_near = off <= REACHED.0 * contact.newtons;
+            let is_near = off <= share * contact.newtons;
             leg.reached_s = if is_near { leg.reached_s + dt_s } else { 0.0 };
             leg.set_n = contact.newtons;
         }
-        let change = contact.newtons.max(leg.set_n) / contact.ramp_s * dt_s;
-        leg.set_n += (contact.newtons - leg.set_n).clamp(-change, change);
-        leg.reached_s >= REACHED.1
+        leg.set_n = contact.set_point(leg.set_n, dt_s);
+        leg.reached_s >= long_s
     }
 
     /// The largest force of a contact that is asked for at this tick; N.
@@ -314,7 +308,7 @@ mod tests {
                 borne: 0.0,
                 moment_off_nm: None,
             };
-            if e.dot(&meter.leg.e) < SAME_AXIS {
+            if contact.is_away_from(&meter.leg.e) {
                 meter.reach(meter.leg.index + 1, Some(&contact), true);
             }
             let is_reached = meter.is_reached(&contact, 1e-3);
