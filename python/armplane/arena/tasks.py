@@ -6,9 +6,11 @@ usual, a slow and a fast speed, beginning in it, ending in it, past it (each joi
 bounds what can be reached, a line through it begins or ends there. An arm that has no two singularities at once within its limits gets more lines past one.
 """
 
+import concurrent.futures
 import hashlib
 import importlib.util
 import math
+import os
 import random
 import re
 import tempfile
@@ -66,13 +68,13 @@ def make(folder, size="short", seed=TEST, arms=None, most=math.inf):
     asked, tasks = DATA["sizes"][size], []
     for name in asked.get("scenarios", [*DATA["paper"], *PUBLISHED]) if seed == TEST else ():
         tasks.append(Task(name, "paper", name, name) if name in DATA["paper"] else _task(folder, name, "published", "", PUBLISHED[name].read_text()))
-    skipped = {}
-    for arm in arms or [*DATA["arms"]][: asked["arms"]]:
-        file = _file(arm)
-        if file is None:
-            skipped[arm] = "the package robosuite is missing"
-        else:
-            tasks += [task for kind in _lines(folder, arm, file, asked["lines"], seed) for task in kind[: min(most, len(kind))]]
+    arms = arms or [*DATA["arms"]][: asked["arms"]]
+    files = {arm: _file(arm) for arm in arms}
+    skipped = {arm: "the package robosuite is missing" for arm, file in files.items() if file is None}
+    # Drawn on all cores: a line is kept once a planner has found a way along it.
+    with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
+        for kinds in pool.map(lambda arm: _lines(folder, arm, files[arm], asked["lines"], seed), [arm for arm in arms if files[arm]]):
+            tasks += [task for kind in kinds for task in kind[: min(most, len(kind))]]
     return tasks, skipped
 
 

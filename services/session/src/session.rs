@@ -194,7 +194,7 @@ fn settle(
     let loaded = robot::settle(loaded, request.mode, observer)?;
     let (robot, scenario) = (&loaded.robot, &loaded.scenario);
     let named = |sentence: String| format!("{}: {sentence}", request.scenario);
-    let warning = chain::try_first_tick(robot, scenario);
+    let warning = chain::try_first_tick(robot, scenario, &loaded.graph);
     let warning = warning
         .map_err(|error| Failure::Input(named(error.to_string() + &advice(robot, scenario))))?;
     let warnings = warning.into_iter().chain(units::doubt(scenario));

@@ -76,7 +76,7 @@ pub fn verify(request: &Request<'_>, observer: Observer<'_>) -> Result<Verified,
         graph,
         ..
     } = *request;
-    chain::try_first_tick(robot, scenario)
+    chain::try_first_tick(robot, scenario, graph)
         .map_err(|error| Failure::Input(format!("{name}: {error}")))?;
     let needs_processes = needs_processes(scenario, graph);
     // Before anything is made: a signal ends it at once.
