@@ -44,6 +44,8 @@ def load(path):
 
 # Times the path's own duration, after which a law whose clock stands still is stopped: the judge then finds the path not done.
 PATIENCE = 10
+# β of a law that knows no neighbourhoods.
+_UNBLENDED = (1.0,) * 4
 
 
 class Host(armplane.Controller):
@@ -62,6 +64,10 @@ class Host(armplane.Controller):
         known = {key: value for key, value in self.job["scenario"].items() if key not in ("plant", "estimator", "fault", "seed")}
         self.begin(known)
         self.path = armplane.Reference(json.dumps(self.job))
+        # In place, as arrays: a tick is short.
+        array, topics, n = np.ctypeslib.as_array, self.topics, self.dof
+        self.q, self.qdot, self.tau = (array(values)[:n] for values in (topics["estimate"].q, topics["estimate"].qdot, topics["torque"].tau))
+        self.R_d, self.p_d, self.V_d = (array(getattr(topics["control_state"], name)) for name in ("R_BE_d", "p_BE_d", "V_BE_d"))
         self.pressing, self.wrist, name = Pressing(self.dt), self.topics.get("wrist_force"), type(self.law).__name__
         if any(segment.get("force") for segment in known["segment"]):
             if not self.law.presses:
@@ -70,8 +76,7 @@ class Host(armplane.Controller):
                 raise ValueError(f"{name} needs a sensor at the wrist: set plant.wrist_sensor = true, or extend the graph \"force\"")
 
     def control(self, tick, estimate, singularity, state, torque):
-        n = self.dof
-        q, qdot = np.array(estimate.q[:n]), np.array(estimate.qdot[:n])
+        q, qdot = self.q.copy(), self.qdot.copy()
         left = self.path.duration_s - self.path.time_s
         by = self.rate * self.dt if tick else 0
         # The last tick of the path ends on it.
@@ -83,21 +88,22 @@ class Host(armplane.Controller):
         if self.wrist is not None:
             self.pressing.take(ref, self.path.force, *self.law.arm.pose(q), np.array(self.wrist.force_n))
         began = time.perf_counter_ns()
-        tau = np.asarray(self.law.torque(q, qdot, ref), float).reshape(n)
+        tau = np.asarray(self.law.torque(q, qdot, ref), float).reshape(self.dof)
         self.times.append(time.perf_counter_ns() - began)
-        if not np.all(np.isfinite(tau)):
+        if not np.isfinite(tau).all():
             raise ValueError(f"{type(self.law).__name__} gives a torque that is no number at tick {tick}")
-        self.rate = 0.0 if self.pressing.waits else float(np.clip(self.law.rate, 0, 1))
+        self.rate = 0.0 if self.pressing.waits else min(max(float(self.law.rate), 0.0), 1.0)
         state.path_time_s, state.segment = min(self.path.time_s, self.path.duration_s), ref.leg
         self._answer(tick, tau, ref, state, torque)
 
     def _answer(self, tick, tau, ref, state, torque):
-        effort, n = self.law.arm.effort, self.dof
-        torque.tau[:n], torque.saturation_mask = np.clip(tau, -effort, effort), mask(np.abs(tau) > effort)
+        effort = self.law.arm.effort
+        self.tau[:], beyond = tau.clip(-effort, effort), abs(tau) > effort
+        torque.saturation_mask = mask(beyond) if beyond.any() else 0
         settled = 0 if self.ended is None else (tick - self.ended) * self.dt
         torque.phase = wire.PHASE_RUNNING if self.ended is None else wire.PHASE_SETTLING if settled < self.settle else wire.PHASE_DONE
-        state.p_BE_d[:], state.R_BE_d[:], state.V_BE_d[:] = ref.p, ref.R.T.flatten(), ref.V
-        state.time_scale, state.null_scale, state.task_scale, state.beta[:] = self.rate, 1.0, 1.0, [1.0] * 4
+        self.p_d[:], self.R_d[:], self.V_d[:] = ref.p, ref.R.T.ravel(), ref.V
+        state.time_scale, state.null_scale, state.task_scale, state.beta[:] = self.rate, 1.0, 1.0, _UNBLENDED
 
     def end(self):
         file = os.environ.get("ARMPLANE_ARENA_COST")
