@@ -19,6 +19,7 @@ from pathlib import Path
 
 import armplane
 
+from .. import mjcf
 from ..results import read_toml
 
 # Lines of the table, and lines on which numbers may be tuned.
@@ -36,6 +37,10 @@ DRAWN = 0.28
 VARIED = 3
 
 
+def _hash(content):
+    return hashlib.sha256(content).hexdigest()
+
+
 @dataclass
 class Task:
     """A scenario: its name, group, and `argument`, a built-in name or a file of this `text`. `is_varied`: whether payload, noise and delay are varied on it.
@@ -50,7 +55,7 @@ class Task:
 
     @property
     def hash(self):
-        return hashlib.sha256((self.known or self.text).encode()).hexdigest()[:16]
+        return _hash((self.known or self.text).encode())[:16]
 
     def copied(self, folder):
         """What a run is given: the built-in name, or a file of its own, because an opponent may have written to the one that all share."""
@@ -63,13 +68,13 @@ class Task:
 
 def make(folder, size="short", seed=TEST, arms=None, most=math.inf):
     """The tasks of a size as files in `folder`, `most` lines of a kind and arm, and the arms left out; only the lines of another seed than that of the table."""
-    folder = Path(folder)
+    folder = Path(folder).resolve()
     folder.mkdir(parents=True, exist_ok=True)
     asked, tasks = DATA["sizes"][size], []
     for name in asked.get("scenarios", [*DATA["paper"], *PUBLISHED]) if seed == TEST else ():
-        tasks.append(Task(name, "paper", name, name) if name in DATA["paper"] else _task(folder, name, "published", "", PUBLISHED[name].read_text()))
+        tasks.append(Task(name, "paper", name, name) if name in DATA["paper"] else _task(folder, name, "published", None, PUBLISHED[name].read_text()))
     arms = arms or [*DATA["arms"]][: asked["arms"]]
-    files = {arm: _file(arm) for arm in arms}
+    files = {arm: _file(arm, folder) for arm in arms}
     skipped = {arm: "the package robosuite is missing" for arm, file in files.items() if file is None}
     # Drawn on all cores: a line is kept once a planner has found a way along it.
     with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -101,24 +106,33 @@ def unhinted(folder, tasks, armplane):
     return out
 
 
-def _file(arm):
-    """The program's argument for an arm; `None` where it is of a package that is missing."""
+def _file(arm, folder):
+    """The program's argument for an arm, and what stands for it in a task's hash; `None` where it is of a package that is missing."""
     package, _, name = arm.rpartition(":")
     if not package:
-        return arm
+        return arm, _hash(Path(arm).read_bytes()) if Path(arm).is_file() else arm
     found = importlib.util.find_spec(package)
-    return str(Path(found.origin).parent / "models/assets/robots" / name / "robot.xml") if found else None
+    if found is None:
+        return None
+    xml = Path(found.origin).parent / "models/assets/robots" / name / "robot.xml"
+    urdf = folder / f"{name}.urdf"
+    if not urdf.exists():
+        # Once here, not in each run: MuJoCo takes longer to start than most lines to run.
+        text, description = mjcf.read(xml)
+        urdf.with_suffix(".toml").write_text(description)
+        urdf.write_text(text)
+    return str(urdf), _hash(xml.read_bytes())
 
 
 def _lines(folder, arm, file, kinds, seed):
-    """The lines of an arm, kind by kind."""
+    """The lines of an arm in `file`, kind by kind."""
     short, found = arm.rpartition(":")[2], DATA["arms"].get(arm, 1)
     # Twelve lines through one singularity each, four of a kind of place; of a short table the first of each singularity.
     is_short = set(kinds) <= {"usual", "near", "fast", "double"} and max(kinds.values()) <= found
     count = 1 if is_short else math.ceil(12 / found)
-    single = _drawn(folder / f"{short}-lines-{seed}-{count}", file, count, seed, False)
+    single = _drawn(folder / f"{short}-lines-{seed}-{count}", file[0], count, seed, False)
     of = len(single) // count
-    double = _drawn(folder / f"{short}-pairs-{seed}", file, 1 if found > 2 else 3, seed, True) if "double" in kinds else []
+    double = _drawn(folder / f"{short}-pairs-{seed}", file[0], 1 if found > 2 else 3, seed, True) if "double" in kinds else []
     out = []
     for kind, wanted in kinds.items():
         speed, numbers, pairs, off = (DATA["kinds"][kind][key] for key in ("speed", "numbers", "pairs", "off"))
@@ -157,10 +171,8 @@ def _set(text, key, change):
     return text
 
 
-def _task(folder, name, group, robot, text, is_varied=False):
+def _task(folder, name, group, arm, text, is_varied=False):
     path = folder / f"{name}.toml"
     path.write_text(text)
-    arm = Path(robot)
     # The place of an arm's file is this machine's; its text is the task's.
-    known = text.replace(robot, hashlib.sha256(arm.read_bytes()).hexdigest()) if arm.is_file() else text
-    return Task(name, group, str(path), text, is_varied, known)
+    return Task(name, group, str(path), text, is_varied, text.replace(*arm) if arm else text)
