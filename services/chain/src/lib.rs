@@ -321,6 +321,19 @@ mod tests {
     }
 
     #[test]
+    fn our_law_is_not_asked_where_another_controls() {
+        // Too near to a joint limit for it.
+        let text = sim::scenarios::text("ur5-wrist").unwrap();
+        let limit = ["start={q_deg=[0, -60, 60, 0, 0, 359.99]}".to_owned()];
+        let scenario = Scenario::parse("ur5-wrist", text, &limit).unwrap();
+        let (robot, mut graph) = (Robot::builtin("ur5").unwrap(), graph(&scenario).unwrap());
+        assert!(try_first_tick(&robot, &scenario, &graph).is_err());
+        let controls = |one: &&mut Process| one.program() == Some(Program::Controller);
+        graph.process.iter_mut().find(controls).unwrap().external = true;
+        assert!(try_first_tick(&robot, &scenario, &graph).is_ok());
+    }
+
+    #[test]
     fn a_target_is_in_the_torque_of_its_own_tick() {
         let twist = torques("twist, base, 1, 0.2 0 0 0 0 0");
         for other in [
