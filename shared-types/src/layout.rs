@@ -54,9 +54,9 @@ impl OfTopic for MessageLayout {
 #[must_use]
 pub fn structure(element: &str) -> Option<(&'static [Field], usize)> {
     match element {
-        "Header" => Some((Header::LAYOUT, size_of::<Header>())),
-        "SingularityState" => Some((SingularityState::LAYOUT, size_of::<SingularityState>())),
-        "TargetContent" => Some((TargetContent::LAYOUT, size_of::<TargetContent>())),
+        "Header" => Some((Header::FIELDS, size_of::<Header>())),
+        "SingularityState" => Some((SingularityState::FIELDS, size_of::<SingularityState>())),
+        "TargetContent" => Some((TargetContent::FIELDS, size_of::<TargetContent>())),
         _ => None,
     }
 }

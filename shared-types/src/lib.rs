@@ -49,7 +49,7 @@ pub use messages::{
     StateEstimate, Target, TargetContent, TorqueCommand, WristForce,
 };
 pub use topics::{ByTopic, Topic};
-pub use wire::{Checkpoint, Header, Layout, Message, Stamps};
+pub use wire::{Header, Layout, Message, Stamps};
 
 /// Most joints an arm may have on the wire; arrays of joints have this length and are zero beyond the arm's own.
 pub const MAX_DOF: usize = 8;
