@@ -42,6 +42,7 @@ pub mod target_file;
 pub mod task_end;
 pub mod topics;
 pub mod wire;
+mod words;
 
 pub use checkpoints::{AnalyzerCheckpoint, ControllerCheckpoint, EstimatorCheckpoint};
 pub use messages::{

@@ -190,17 +190,6 @@ impl Program {
         Self::Recorder,
     ];
 
-    /// Their names, in the same order.
-    pub const NAMES: [&'static str; Self::ALL.len()] = {
-        let mut names = [""; Self::ALL.len()];
-        let mut place = 0;
-        while place < names.len() {
-            names[place] = Self::ALL[place].name();
-            place += 1;
-        }
-        names
-    };
-
     /// The name of its process in a graph, and its subcommand.
     #[must_use]
     pub const fn name(self) -> &'static str {

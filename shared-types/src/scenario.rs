@@ -366,15 +366,6 @@ mod tests {
     }
 
     #[test]
-    fn a_law_is_called_what_its_file_says() {
-        for strategy in Strategy::ALL {
-            let set = [format!("control.strategy={:?}", strategy.name())];
-            let named = Scenario::parse("a.toml", TEXT, &set).unwrap();
-            assert_eq!(named.control.strategy, strategy);
-        }
-    }
-
-    #[test]
     fn a_scenario_survives_being_written_and_read() {
         for floor in [
             "plant.floor_m=-0.5",

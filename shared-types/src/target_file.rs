@@ -53,18 +53,13 @@ pub struct Row {
 }
 
 /// A line that is no target.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("line {line}: {message}")]
 pub struct InvalidRow {
     /// The line, from 1.
     pub line: usize,
     /// The defect, and the remedy.
     pub message: String,
-}
-
-impl std::fmt::Display for InvalidRow {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "line {}: {}", self.line, self.message)
-    }
 }
 
 impl InvalidRow {
