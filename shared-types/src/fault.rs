@@ -356,11 +356,8 @@ impl Fault {
             .find(|(key, is_given)| *is_given && !rule.keys.contains(key));
         stray.map_or(Ok(()), |(key, _)| {
             let message = format!("`{kind}` has no `{key}`");
-            Err(Complaint::new(
-                *key,
-                message,
-                "leave it out; see `armplane fault --list`",
-            ))
+            let remedy = "leave it out; see `armplane fault --list`";
+            Err(Complaint::new(*key, message, remedy))
         })
     }
 

@@ -93,13 +93,14 @@ impl Complaint {
         }
     }
 
-    /// The same complaint about a value inside `path`.
+    /// The same complaint about a value inside `path`, or about that itself.
     #[must_use]
     pub fn within(self, path: &str) -> Self {
-        Self {
-            path: format!("{path}.{}", self.path),
-            ..self
-        }
+        let path = match &*self.path {
+            "" => path.to_owned(),
+            inner => format!("{path}.{inner}"),
+        };
+        Self { path, ..self }
     }
 
     /// Finds the place in the text, or the setting (`key.path=value`) that has laid a value over it: the last one for this key or for one around or
@@ -249,6 +250,18 @@ pub fn require(
     } else {
         Err(Complaint::new(path, message, remedy))
     }
+}
+
+/// Checks each item of the list at `path`; the path of a complaint is relative to its item.
+pub(crate) fn each<T>(
+    path: &str,
+    items: &[T],
+    check: impl Fn(usize, &T) -> Result<(), Complaint>,
+) -> Result<(), Complaint> {
+    let mut items = items.iter().enumerate();
+    items.try_for_each(|(i, item)| {
+        check(i, item).map_err(|complaint| complaint.within(&format!("{path}.{i}")))
+    })
 }
 
 /// Refuses a value that is not a positive finite number.

@@ -65,7 +65,7 @@ pub struct Job {
     /// In which processes.
     pub graph: Graph,
     /// The run that it goes on from; `None`: it begins with tick 0.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub from: Option<Branch>,
     /// Deaths before this start of its processes, for a launcher that goes on after the death of this one.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]

@@ -108,10 +108,7 @@ impl DeclaredTopic {
     pub fn layout(&self) -> Result<MessageLayout, Complaint> {
         let mut fields: Vec<Field> = Vec::with_capacity(self.fields.len());
         for (i, text) in self.fields.iter().enumerate() {
-            let located = |complaint: Complaint| Complaint {
-                path: format!("fields.{i}"),
-                ..complaint
-            };
+            let located = |complaint: Complaint| complaint.within(&format!("fields.{i}"));
             let field = field(text, &fields).map_err(located)?;
             fields.push(field);
         }

@@ -2,7 +2,8 @@
 
 use super::built_in::{BUILT_IN, EVERYTHING, STEERED};
 use super::topology::Graph;
-use crate::file::{Complaint, nearest, require};
+use crate::file::{Complaint, each, nearest, require};
+use crate::layout::DeclaredTopic;
 use crate::process::{MAX_PROCESSES, Process, Program, Role};
 use crate::topics::{MAX_TOPICS, TOPICS};
 use crate::wire::MAX_HOPS;
@@ -38,23 +39,18 @@ impl Graph {
         let (own, most) = (self.topic.len(), MAX_TOPICS - TOPICS.len());
         let message = format!("the graph declares {own} topics");
         require(own <= most, "topic", message, format!("{most} at most"))?;
-        for i in 0..own {
-            let located = |complaint: Complaint| complaint.within(&format!("topic.{i}"));
-            self.check_topic(i).map_err(located)?;
-        }
+        each("topic", &self.topic, |i, topic| self.check_topic(i, topic))?;
         // First: a name that is misspelt lacks elsewhere, too.
-        (0..count).try_for_each(|i| self.check_topics(i))?;
-        for i in 0..count {
-            let located = |complaint: Complaint| complaint.within(&format!("process.{i}"));
-            self.check_process(i).map_err(located)?;
-        }
+        each("process", &self.process, |_, one| self.check_topics(one))?;
+        each("process", &self.process, |i, one| {
+            self.check_process(i, one)
+        })?;
         self.check_numbers()?;
         self.check_loop()
     }
 
     /// The path is relative to the topic.
-    fn check_topic(&self, i: usize) -> Result<(), Complaint> {
-        let topic = &self.topic[i];
+    fn check_topic(&self, i: usize, topic: &DeclaredTopic) -> Result<(), Complaint> {
         let (name, type_name) = (&topic.name, &topic.type_name);
         let message = format!("`{name}` cannot be the name of a topic");
         require(is_name(name), "name", message, NAMES)?;
@@ -86,8 +82,7 @@ impl Graph {
     }
 
     /// The path is relative to the process.
-    fn check_process(&self, i: usize) -> Result<(), Complaint> {
-        let process = &self.process[i];
+    fn check_process(&self, i: usize, process: &Process) -> Result<(), Complaint> {
         let name = process.name.as_str();
         let message = format!("`{name}` names a part of armplane in every run");
         require(
@@ -108,11 +103,7 @@ impl Graph {
             "1 to 99, or 0 for ordinary scheduling",
         )?;
         for (key, topics) in uses(process) {
-            for (j, topic) in topics.iter().enumerate() {
-                let path = format!("{key}.{j}");
-                let located = |complaint| Complaint { path, ..complaint };
-                self.check_use(i, key, topic).map_err(located)?;
-            }
+            each(key, topics, |_, topic| self.check_use(i, key, topic))?;
         }
         check_kind(process)?;
         match process {
@@ -122,30 +113,26 @@ impl Graph {
         }
     }
 
-    /// Whether the topics of process `i` exist.
-    fn check_topics(&self, i: usize) -> Result<(), Complaint> {
-        let declared = self.topic.iter().map(|declared| declared.name.as_str());
+    /// Whether the topics of a process exist; the path is relative to the process.
+    fn check_topics(&self, process: &Process) -> Result<(), Complaint> {
+        let declared = self.topic.iter().map(|declared| &*declared.name);
         let known: Vec<_> = TOPICS.into_iter().chain(declared).collect();
-        for (key, topics) in uses(&self.process[i]) {
-            let is_known = |topic: &String| topic == EVERYTHING || known.contains(&&**topic);
-            let Some(j) = topics.iter().position(|topic| !is_known(topic)) else {
-                continue;
-            };
-            let remedy = match nearest(&topics[j], known.iter().copied()) {
+        let check = |topic: &String| {
+            if topic == EVERYTHING || known.contains(&&**topic) {
+                return Ok(());
+            }
+            let remedy = match nearest(topic, known.iter().copied()) {
                 Some(near) => format!("did you mean `{near}`?"),
                 None => format!(
                     "known: {}; declare others under [[topic]]",
                     known.join(", ")
                 ),
             };
-            let message = format!("there is no topic `{}`", topics[j]);
-            return Err(Complaint::new(
-                format!("process.{i}.{key}.{j}"),
-                message,
-                remedy,
-            ));
-        }
-        Ok(())
+            let message = format!("there is no topic `{topic}`");
+            Err(Complaint::new("", message, remedy))
+        };
+        let mut uses = uses(process).into_iter();
+        uses.try_for_each(|(key, topics)| each(key, topics, |_, topic| check(topic)))
     }
 
     /// A topic at a place of process `i`; the path is the caller's.

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::force::stiffness_n_m;
 use crate::codes::TARGET_END;
-use crate::file::{Complaint, key_within, positive, require, within};
+use crate::file::{Complaint, key_within, positive, require};
 use crate::target_file::{self, Row};
 
 /// A steered run: the arm follows targets instead of segments.
@@ -116,11 +116,10 @@ impl Servo {
             positive(&format!("servo.{name}"), value)?;
         }
         key_within("servo.", "stiffness_n_m", self.stiffness_n_m, 10.0..=1e6)?;
-        let (time, key) = (self.duration_s, "servo.duration_s");
-        within(key, time, 0.0..=36_000.0, format!("`duration_s` is {time}"))?;
+        key_within("servo.", "duration_s", self.duration_s, 0.0..=36_000.0)?;
         if self.targets.is_empty() {
             return require(
-                time > 0.0 || !self.input.is_empty(),
+                self.duration_s > 0.0 || !self.input.is_empty(),
                 "servo",
                 "there are no targets",
                 "give the input file, the targets themselves, or the duration_s of a session with a process of its own",

@@ -175,25 +175,14 @@ impl Segment {
         })
     }
 
-    pub(super) fn check(&self, i: usize, plant: &Plant) -> Result<(), Complaint> {
-        let located = |complaint: Complaint| match complaint.path.as_str() {
-            "" => Complaint {
-                path: format!("segment.{i}"),
-                ..complaint
-            },
-            _ => complaint.within(&format!("segment.{i}")),
-        };
-        self.check_time()
-            .and_then(|()| self.check_goals())
-            .and_then(|()| self.check_curve())
-            .and_then(|()| self.check_rotation())
-            .and_then(|()| self.check_directions())
-            .and_then(|()| {
-                self.force
-                    .as_ref()
-                    .map_or(Ok(()), |force| force.check(plant))
-            })
-            .map_err(located)
+    /// The path is relative to the segment.
+    pub(super) fn check(&self, plant: &Plant) -> Result<(), Complaint> {
+        self.check_time()?;
+        self.check_goals()?;
+        self.check_curve()?;
+        self.check_rotation()?;
+        self.check_directions()?;
+        self.force.iter().try_for_each(|force| force.check(plant))
     }
 
     /// Gives a segment whose table has been read, and which states no duration, that of the table.
@@ -283,12 +272,11 @@ impl Segment {
         let curves = [("waypoints", waypoints), ("spline", spline)];
         for (key, points) in curves {
             let has_corners = key == "waypoints";
-            points
-                .as_ref()
-                .map_or(Ok(()), |points| points.check(key, has_corners))?;
+            let mut points = points.iter();
+            points.try_for_each(|points| points.check(key, has_corners))?;
         }
-        arc.as_ref().map_or(Ok(()), Arc::check)?;
-        table.as_ref().map_or(Ok(()), Table::check)
+        arc.iter().try_for_each(Arc::check)?;
+        table.iter().try_for_each(Table::check)
     }
 
     /// At most one goal of each kind; the path is relative to the segment.
