@@ -208,8 +208,10 @@ fn lay_over(document: &mut toml::Value, setting: &str) -> Result<(), (String, St
     let is_element = second.is_some_and(|key| key.parse::<usize>().is_ok());
     if is_element && document.get(first).is_none() {
         // An element of a list that the file does not have.
-        let known = document.as_table().into_iter().flat_map(toml::Table::keys);
-        let hint = nearest(first, known.map(String::as_str));
+        let known = document.as_table().map_or(Vec::new(), |table| {
+            table.keys().map(String::as_str).collect()
+        });
+        let hint = nearest(first, known.into_iter());
         let hint = hint.map_or(String::new(), |name| format!(": did you mean `{name}`?"));
         return Err(missing(format!("the file has no [[{first}]]{hint}")));
     }

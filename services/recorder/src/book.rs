@@ -121,7 +121,7 @@ impl<'a> Book<'a> {
         let is_error = |error: &String| !error.is_empty();
         let errors = self.lacks.into_iter().chain([self.record.error]);
         let errors: Vec<String> = errors.filter(is_error).collect();
-        let accounts = || self.assembler.accounts().iter().filter(|one| one.is_read());
+        let accounts = || self.assembler.accounts().iter().filter(|one| one.is_read);
         Summary {
             of: self.job.into(),
             topics: accounts()

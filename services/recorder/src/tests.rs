@@ -115,7 +115,7 @@ fn messages_and_events_come_back_and_other_readers_find_them() {
                 next += 10;
             }
         }
-        assert!(next == n && record.is_ended() && record.has_summary());
+        assert!(next == n && record.is_ended && record.has_summary());
         let targets = RecordReader::open(&path, &contents).unwrap();
         assert_eq!(targets.messages::<Target>().count(), 0);
 

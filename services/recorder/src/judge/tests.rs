@@ -4,13 +4,12 @@ use control::centre::PoseMotion;
 use control::{Asked, Contact, GroundTruth, Progress};
 use nalgebra::Vector6;
 use shared_types::codes;
-use shared_types::scenario::Goal;
+use shared_types::scenario::Scenario;
 use shared_types::summary::{BOUNDARY, MISSED, REACHED, Summary};
 use shared_types::topics::{ByTopic, Whole};
 use shared_types::{PlantState, SingularityReport, SingularityState, TargetContent};
 
-use super::latency::Span;
-use super::{Judge, Limits, Tick, Wanted};
+use super::{Judge, Limits, Tick};
 
 const IDENTITY: [f64; 9] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
 
@@ -80,15 +79,9 @@ impl GroundTruth for Reported {
 }
 
 /// The usual goal, at 1000 ticks per second.
-fn asked(planned_ticks: f64) -> Wanted {
-    Wanted {
-        goal: Goal::default(),
-        planned_ticks,
-        rate_hz: 1000.0,
-        k_v: 1.0,
-        session_ticks: None,
-        unasked: None,
-    }
+fn scenario() -> Scenario {
+    let text = "name = 'x'\nrobot = 'x'\nstart.posture = 'x'\nsegment = [{duration_s = 1.0}]";
+    Scenario::parse("x.toml", text, &[]).unwrap()
 }
 
 fn limits() -> Limits {
@@ -105,7 +98,7 @@ fn limits() -> Limits {
 }
 
 fn judged(ticks: u64, shape: impl Fn(u64, &mut ByTopic<Whole>)) -> Summary {
-    let mut judge = Judge::of(Reported::truth(), limits(), asked(ticks as f64));
+    let mut judge = Judge::of(Reported::truth(), limits(), scenario());
     for k in 0..ticks {
         let mut m = upright(k);
         m.torque.phase = if k + 1 == ticks {
@@ -287,7 +280,7 @@ fn on_a_grid_latencies_count_from_the_due_time_and_skipped_points_count_too() {
         [10_000, 11_200, 14_000, 15_000],
         [0, 10_500, 13_500, 13_500],
     );
-    let mut judge = Judge::of(Reported::truth(), limits(), asked(4.0)).on_grid(MS);
+    let mut judge = Judge::of(Reported::truth(), limits(), scenario()).on_grid(MS);
     for k in 0..4 {
         let mut m = upright(k as u64);
         let stamps = &mut m.sensor.header.stamps;
@@ -297,7 +290,7 @@ fn on_a_grid_latencies_count_from_the_due_time_and_skipped_points_count_too() {
     }
     let mut chain: Vec<f64> = judge
         .latency
-        .of(Span::Chain)
+        .chain
         .iter_recorded()
         .map(|bucket| bucket.value_iterated_to() as f64 / MS as f64)
         .collect();
@@ -355,7 +348,7 @@ fn nan_misses_the_goal() {
 
 #[test]
 fn every_limit_is_in_the_summary_and_in_the_events() {
-    let mut judge = Judge::of(Reported::truth(), limits(), asked(10.0));
+    let mut judge = Judge::of(Reported::truth(), limits(), scenario());
     for k in 0..10 {
         let mut m = upright(k);
         m.torque.phase = codes::PHASE_DONE;
