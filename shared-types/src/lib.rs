@@ -57,3 +57,8 @@ pub const MAX_DOF: usize = 8;
 
 /// Most singularities reported at once.
 pub const MAX_SINGULARITIES: usize = 4;
+
+/// Whether a value is the one that a file may leave out.
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}

@@ -332,13 +332,11 @@ fn check_command(process: &Process) -> Result<(), Complaint> {
         format!("`{name}` names a program of armplane and is another program"),
         "take out `program`, or `command` and `external`",
     )?;
-    let zero = process.command.iter().position(|part| part.contains('\0'));
-    require(
-        zero.is_none(),
-        format!("command.{}", zero.unwrap_or(0)),
-        format!("the command of `{name}` holds a zero byte"),
-        "take it out: no program can be given one",
-    )?;
+    each("command", &process.command, |_, part| {
+        let message = format!("the command of `{name}` holds a zero byte");
+        let remedy = "take it out: no program can be given one";
+        require(!part.contains('\0'), "", message, remedy)
+    })?;
     require(
         process
             .command

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::curve::{Axis, is_near};
+use super::curve::{Axis, check_position, is_near};
 use super::plant::Plant;
 use crate::file::{Complaint, each, key_within, require};
 
@@ -223,12 +223,7 @@ fn friction() -> f64 {
 
 impl Surface {
     pub(super) fn check(&self) -> Result<(), Complaint> {
-        require(
-            self.point_m.iter().all(is_near),
-            "point_m",
-            "the position is not one of an arm",
-            "three numbers from -1000 to 1000, in metres",
-        )?;
+        check_position("point_m", &self.point_m)?;
         require(
             self.normal.iter().all(is_near) && self.normal != [0.0; 3],
             "normal",

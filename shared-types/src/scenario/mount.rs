@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::curve::is_near;
+use super::curve::{check_position, is_near};
 use crate::file::{Complaint, key_within, require};
 
 /// How the base stands, and what the hand carries.
@@ -65,12 +65,7 @@ pub struct Push {
 /// A mass of something that an arm carries.
 fn check_load(key: &str, mass_kg: f64, com_m: &[f64; 3]) -> Result<(), Complaint> {
     key_within(&format!("{key}."), "mass_kg", mass_kg, 0.0..=1e4)?;
-    require(
-        com_m.iter().all(is_near),
-        format!("{key}.com_m"),
-        "the position is not one of an arm",
-        "three numbers from -1000 to 1000, in metres",
-    )
+    check_position(&format!("{key}.com_m"), com_m)
 }
 
 impl Payload {

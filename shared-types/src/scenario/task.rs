@@ -2,10 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::curve::{AXES, Arc, Axis, Points, Table, is_near, is_rotation};
+use super::curve::{AXES, Arc, Axis, Points, Table, check_position, check_quaternion};
 use super::force::Force;
 use super::plant::Plant;
-use crate::file::{Complaint, require};
+use crate::file::{Complaint, each, require};
 
 /// The start posture, by exactly one of these keys.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -153,10 +153,11 @@ impl Start {
             "give one of q, q_deg, posture; a setting replaces all of them as start={q_deg = [0, 90]}",
         )?;
         for (name, values) in [("q_deg", q_deg), ("q", q)] {
-            let wrong = values.iter().flatten().position(|value| !value.is_finite());
-            let path = format!("start.{name}.{}", wrong.unwrap_or(0));
-            let message = "a joint position is not a number";
-            require(wrong.is_none(), path, message, "finite numbers")?;
+            let (path, values) = (format!("start.{name}"), values.as_deref());
+            each(&path, values.unwrap_or_default(), |_, value| {
+                let message = "a joint position is not a number";
+                require(value.is_finite(), "", message, "finite numbers")
+            })?;
         }
         Ok(())
     }
@@ -317,12 +318,8 @@ impl Segment {
             "degrees",
         )?;
         for (key, position) in [("to_m", &self.to_m), ("by_m", &self.by_m)] {
-            require(
-                position.iter().flatten().all(is_near),
-                key,
-                "the position is not one of an arm",
-                "three numbers from -1000 to 1000, in metres",
-            )?;
+            let mut position = position.iter();
+            position.try_for_each(|position| check_position(key, position))?;
         }
         require(
             (-1..=1).contains(&self.branch),
@@ -348,12 +345,8 @@ impl Segment {
                 "orthonormal rows, determinant +1, to 1e-6",
             )?;
         }
-        require(
-            self.quaternion.as_ref().is_none_or(is_rotation),
-            "quaternion",
-            "the quaternion's norm is not 1",
-            "[w, x, y, z] with norm 1, to 1e-6",
-        )
+        let mut quaternion = self.quaternion.iter();
+        quaternion.try_for_each(|one| check_quaternion("quaternion", one))
     }
 
     fn check_directions(&self) -> Result<(), Complaint> {
