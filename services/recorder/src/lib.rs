@@ -65,26 +65,22 @@ pub fn run(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<()
 /// the largest number there is, and `not_finite` names it.
 fn written(summary: &Summary) -> serde_json::Result<Vec<u8>> {
     fn bound(value: &mut Value, path: &str, found: &mut Vec<String>) {
-        let below = |key: &str| {
-            if path.is_empty() {
-                key.to_owned()
-            } else {
-                format!("{path}.{key}")
-            }
-        };
         match value {
             // Nothing else is null: what is absent is left out.
             Value::Null => {
                 *value = f64::MAX.into();
-                found.push(path.to_owned());
+                found.push(path.trim_start_matches('.').to_owned());
             }
-            Value::Array(values) => values
-                .iter_mut()
-                .enumerate()
-                .for_each(|(i, value)| bound(value, &below(&i.to_string()), found)),
-            Value::Object(values) => values
-                .iter_mut()
-                .for_each(|(key, value)| bound(value, &below(key), found)),
+            Value::Array(values) => {
+                for (i, value) in values.iter_mut().enumerate() {
+                    bound(value, &format!("{path}.{i}"), found);
+                }
+            }
+            Value::Object(values) => {
+                for (key, value) in values {
+                    bound(value, &format!("{path}.{key}"), found);
+                }
+            }
             _ => {}
         }
     }
@@ -142,7 +138,7 @@ impl<'a> Recorder<'a> {
         let mut book = Book::new(robot, job)?;
         let last = match job.record && !is_first {
             // None where its predecessor has died before its first chunk.
-            true => RecordReader::last_messages(&path, &contents).unwrap_or_default(),
+            true => RecordReader::last_ticks(&path, &contents).unwrap_or_default(),
             false => Vec::new(),
         };
         let mut topics = Vec::new();
@@ -153,8 +149,7 @@ impl<'a> Recorder<'a> {
             }
             let mut collector = shell.collector(&layout.topic)?;
             if !is_first {
-                let last = last.get(channel).and_then(Option::as_deref);
-                collector.go_on(last.map(tick_of));
+                collector.go_on(last.get(channel).copied().flatten());
             }
             topics.push(Topic { channel, collector });
         }

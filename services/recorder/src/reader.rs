@@ -157,21 +157,19 @@ impl RecordReader {
         Ok(Some(reader))
     }
 
-    /// The last messages of a record, by channel, as far as its end has them.
+    /// The ticks of the last messages of a record, by channel, as far as its end has them.
     ///
     /// # Errors
     /// When it cannot be read.
-    pub(crate) fn last_messages(
+    pub(crate) fn last_ticks(
         path: &Path,
         contents: &Contents,
-    ) -> Result<Vec<Option<Vec<u8>>>, RecordError> {
+    ) -> Result<Vec<Option<u64>>, RecordError> {
         let mut last = vec![None; contents.layouts().len()];
-        let Some(mut reader) = Self::at_end(path, contents, TAIL)? else {
-            return Ok(last);
-        };
-        while let Some(item) = reader.next_item() {
+        let mut end = Self::at_end(path, contents, TAIL)?;
+        while let Some(item) = end.as_mut().and_then(Self::next_item) {
             if let Item::Message { channel, message } = item {
-                last[channel] = Some(message.to_vec());
+                last[channel] = Some(tick_of(message));
             }
         }
         Ok(last)

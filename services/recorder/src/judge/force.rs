@@ -210,6 +210,18 @@ pub(super) fn unkept(force: &ForceSummary, goal: &Goal) -> Option<String> {
 mod tests {
     use super::*;
 
+    fn contact(newtons: f64, pressed_n: f64) -> Contact {
+        Contact {
+            newtons,
+            ramp_s: 0.3,
+            e: Vector3::z(),
+            pressed_n,
+            across_mm: 0.0,
+            borne: 0.0,
+            moment_off_nm: None,
+        }
+    }
+
     #[test]
     fn the_approach_is_its_own_and_a_hand_in_the_air_is_counted() {
         let mut meter = ForceMeter {
@@ -218,13 +230,9 @@ mod tests {
         };
         let mut tick = |pressed_n, moves: bool, touches| {
             let contact = Contact {
-                newtons: 10.0,
-                ramp_s: 0.3,
-                e: Vector3::z(),
-                pressed_n,
                 across_mm: 0.3,
-                borne: 0.0,
                 moment_off_nm: moves.then_some(0.2),
+                ..contact(10.0, pressed_n)
             };
             meter.take(&contact, moves, touches);
         };
@@ -266,15 +274,7 @@ mod tests {
         };
         let mut most_n = Vec::new();
         let mut tick = |leg, newtons, pressed_n: f64| {
-            let contact = Contact {
-                newtons,
-                ramp_s: 0.3,
-                e: Vector3::z(),
-                pressed_n,
-                across_mm: 0.0,
-                borne: 0.0,
-                moment_off_nm: None,
-            };
+            let contact = contact(newtons, pressed_n);
             let force = (newtons > 0.0).then_some(&contact);
             meter.reach(leg, force, pressed_n > 0.0);
             if newtons > 0.0 {
@@ -300,13 +300,8 @@ mod tests {
         let mut meter = ForceMeter::default();
         let mut tick = |newtons, pressed_n, e: Vector3<f64>| {
             let contact = Contact {
-                newtons,
-                ramp_s: 0.3,
                 e,
-                pressed_n,
-                across_mm: 0.0,
-                borne: 0.0,
-                moment_off_nm: None,
+                ..contact(newtons, pressed_n)
             };
             if contact.is_away_from(&meter.leg.e) {
                 meter.reach(meter.leg.index + 1, Some(&contact), true);

@@ -135,11 +135,8 @@ impl JointMeter {
         let stops = beyond.fold(tick.truth.limit_mask, |stops, i| stops | 1 << i);
         let k = tick.truth.header.tick;
         if tick.truth.drive != DRIVE_ACTIVE && k > 0 {
-            let first = self
-                .last_tau
-                .as_ref()
-                .map_or(k, |_| self.last_tick + 1)
-                .min(k);
+            let after_last = self.last_tau.as_ref().map_or(k, |_| self.last_tick + 1);
+            let first = after_last.min(k);
             self.braked.get_or_insert([first, 0])[1] += k + 1 - first;
         }
         self.last_tick = k;
@@ -266,12 +263,9 @@ impl JointMeter {
             "lower stop"
         };
         let cut = tick.truth.saturation_mask & bit != 0;
-        let (by_speed, by_rate) = (
-            tick.truth.drive_flags & DRIVE_SPEED != 0,
-            tick.truth.drive_flags & DRIVE_RATE != 0,
-        );
-        let is_at_effort = !within(share(tick.truth.tau[i], self.limits.effort[i]), 1.0 - 1e-9)
-            || !(by_speed || by_rate);
+        let [by_speed, by_rate] =
+            [DRIVE_SPEED, DRIVE_RATE].map(|flag| tick.truth.drive_flags & flag != 0);
+        let is_at_effort = self.limits.is_reached(i, tick.truth.tau[i]) || !(by_speed || by_rate);
         for (is_reached, limit) in [
             (stops & bit != 0, stop),
             (is_fast, "speed"),
@@ -283,12 +277,8 @@ impl JointMeter {
                 continue;
             }
             let joint = &self.limits.names[i];
-            if let Some(known) = self
-                .summary
-                .limits
-                .iter_mut()
-                .find(|known| known.joint == *joint && known.limit == limit)
-            {
+            let mut known = self.summary.limits.iter_mut();
+            if let Some(known) = known.find(|one| one.joint == *joint && one.limit == limit) {
                 known.ticks += 1;
                 continue;
             }
