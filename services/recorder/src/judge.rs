@@ -133,11 +133,9 @@ impl Judge {
     }
 
     /// The same for a run on a grid in time: a grid point at which no tick began, because the one before took too long, is a sample too.
-    pub fn on_grid(self, period_ns: u64) -> Self {
-        Self {
-            latency: self.latency.on_grid(period_ns),
-            ..self
-        }
+    pub fn on_grid(mut self, period_ns: u64) -> Self {
+        self.latency.period_ns = period_ns;
+        self
     }
 
     /// Takes in the messages of a tick; the error of its true pose. Of a tick that not every process answered only the duration can be judged.

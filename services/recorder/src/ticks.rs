@@ -163,15 +163,11 @@ impl Assembler {
     pub fn next_row(&mut self) -> Option<Box<Row>> {
         let front = self.rows.front()?;
         let is_whole = front.tick == self.next && front.come & self.expected == self.expected;
-        (is_whole || self.rows.len() > DEPTH).then(|| self.pop())?
+        (is_whole || self.rows.len() > DEPTH).then(|| self.rest())?
     }
 
     /// The next tick of those that are left, when no message comes any more.
     pub fn rest(&mut self) -> Option<Box<Row>> {
-        self.pop()
-    }
-
-    fn pop(&mut self) -> Option<Box<Row>> {
         let gap = self.rows.front()?.tick - self.next;
         let row = match gap == 0 || gap > HORIZON {
             true => self.rows.pop_front()?,

@@ -19,7 +19,7 @@ pub(super) struct LatencyMeter {
     /// No latency is measured over a gap.
     last_sensor: Option<SensorSample>,
     /// Between two points of the real-time grid; 0 without one.
-    period_ns: u64,
+    pub(super) period_ns: u64,
     /// When the tick before the last one was due.
     due_before_ns: u64,
     first_ns: u64,
@@ -55,11 +55,6 @@ impl LatencyMeter {
             first_ns: 0,
             last_ns: 0,
         }
-    }
-
-    /// For ticks on a grid of `period_ns`.
-    pub(super) fn on_grid(self, period_ns: u64) -> Self {
-        Self { period_ns, ..self }
     }
 
     /// Wall-clock time between the first and the last sample; s.
