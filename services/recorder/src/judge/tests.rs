@@ -101,11 +101,9 @@ fn judged(ticks: u64, shape: impl Fn(u64, &mut ByTopic<Whole>)) -> Summary {
     let mut judge = Judge::of(Reported::truth(), limits(), scenario());
     for k in 0..ticks {
         let mut m = upright(k);
-        m.torque.phase = if k + 1 == ticks {
-            codes::PHASE_DONE
-        } else {
-            codes::PHASE_RUNNING
-        };
+        if k + 1 == ticks {
+            m.torque.phase = codes::PHASE_DONE;
+        }
         shape(k, &mut m);
         judge.take(&m.lent());
     }
@@ -125,7 +123,11 @@ fn upright(tick: u64) -> ByTopic<Whole> {
 #[test]
 fn an_error_is_judged_where_it_lies() {
     let end = |x: f64| {
-        move |k: u64, m: &mut ByTopic<Whole>| m.plant_state.p_BE[0] = if k == 9 { x } else { 0.0 }
+        move |k: u64, m: &mut ByTopic<Whole>| {
+            if k == 9 {
+                m.plant_state.p_BE[0] = x;
+            }
+        }
     };
     let verdict = judged(10, end(0.0));
     assert_eq!(
@@ -139,7 +141,9 @@ fn an_error_is_judged_where_it_lies() {
     let verdict = judged(10, |k, m| {
         near(m, 0);
         m.control_state.mode[0] = codes::MODE_TRACK;
-        m.plant_state.p_BE[0] = if k == 4 { 5e-3 } else { 0.0 };
+        if k == 4 {
+            m.plant_state.p_BE[0] = 5e-3;
+        }
     });
     assert!(verdict.task.position_max_mm > 4.9 && verdict.task.orthogonal_max_mm < 1e-12);
     assert_eq!(verdict.outcome, REACHED);
@@ -191,15 +195,12 @@ fn the_angle_through_which_zeta_turns_is_measured_from_the_entry() {
 #[test]
 fn a_switch_puts_in_the_power_that_jumps() {
     let verdict = judged(20, |k, m| {
-        let is_late = k >= 10;
         m.singularity.count = 1;
-        m.control_state.mode[0] = if is_late {
-            codes::MODE_TRACK
-        } else {
-            codes::MODE_REGULAR
-        };
         // 4 N·m at 0.5 rad/s against 1 N·m at 1 rad/s: 1 W for 25 ms.
-        (m.torque.tau[0], m.torque.tau[1]) = if is_late { (4.0, -1.0) } else { (0.0, 0.0) };
+        if k >= 10 {
+            m.control_state.mode[0] = codes::MODE_TRACK;
+            (m.torque.tau[0], m.torque.tau[1]) = (4.0, -1.0);
+        }
         (m.plant_state.qdot[0], m.plant_state.qdot[1]) = (0.5, 1.0);
     });
     assert_eq!(verdict.joints.switches, 1);
@@ -317,19 +318,24 @@ fn on_a_grid_latencies_count_from_the_due_time_and_skipped_points_count_too() {
 fn nan_misses_the_goal() {
     for at in [4, 9] {
         let verdict = judged(10, |k, m| {
-            m.plant_state.p_BE[0] = if k == at { f64::NAN } else { 0.0 }
+            if k == at {
+                m.plant_state.p_BE[0] = f64::NAN;
+            }
         });
         assert_eq!(verdict.outcome, MISSED, "{}", verdict.reason);
         assert!(verdict.task.position_max_mm.is_nan() && verdict.task.orthogonal_max_mm.is_nan());
     }
     let verdict = judged(10, |k, m| {
-        m.control_state.R_BE_d[0] = if k == 9 { f64::NAN } else { 1.0 }
+        if k == 9 {
+            m.control_state.R_BE_d[0] = f64::NAN;
+        }
     });
     assert_eq!(verdict.outcome, MISSED);
     assert!(verdict.task.final_orientation_deg.is_nan());
     let verdict = judged(10, |k, m| {
-        let x = if k == 3 { f64::NAN } else { 0.0 };
-        (m.plant_state.qdot[1], m.torque.tau[2]) = (x, x);
+        if k == 3 {
+            (m.plant_state.qdot[1], m.torque.tau[2]) = (f64::NAN, f64::NAN);
+        }
     });
     let joints = &verdict.joints;
     assert!(
@@ -443,7 +449,9 @@ fn a_path_beyond_reach_is_followed_to_the_boundary() {
     for at in [4..7, 4..10] {
         let verdict = judged(10, |k, m| {
             near(m, codes::KIND_ELBOW);
-            m.plant_state.p_BE[0] = if at.contains(&k) { 0.024 } else { 0.0 };
+            if at.contains(&k) {
+                m.plant_state.p_BE[0] = 0.024;
+            }
         });
         assert_eq!(
             (verdict.outcome.as_str(), verdict.task.beyond_ticks),
@@ -459,11 +467,9 @@ fn a_path_beyond_reach_is_followed_to_the_boundary() {
 fn drives_that_take_over_are_named() {
     for (stopping, is_named) in [(3..7, true), (0..1, false)] {
         let verdict = judged(10, move |k, m| {
-            m.plant_state.drive = if stopping.contains(&k) {
-                codes::DRIVE_STOPPING
-            } else {
-                codes::DRIVE_ACTIVE
-            };
+            if stopping.contains(&k) {
+                m.plant_state.drive = codes::DRIVE_STOPPING;
+            }
         });
         let says = verdict.task.causes.contains(&"braked".to_owned());
         assert_eq!(
