@@ -334,9 +334,10 @@ impl Fault {
         let kind = self.kind;
         if let Some(way) = self.way {
             let ways: Vec<_> = kind.ways().map(Way::name).collect();
-            let remedy = match ways.is_empty() {
-                true => "leave it out".to_owned(),
-                false => format!("it comes as: {}", ways.join(", ")),
+            let remedy = if ways.is_empty() {
+                "leave it out".to_owned()
+            } else {
+                format!("it comes as: {}", ways.join(", "))
             };
             let message = format!("`{kind}` does not come as `{way}`");
             require(kind.ways().any(|one| one == way), "as", message, remedy)?;

@@ -220,13 +220,11 @@ fn numbered(text: &str, rate_hz: u32) -> Result<Vec<(usize, Row)>, InvalidRow> {
         }
         rows.push((number, row));
     }
-    match rows.is_empty() {
-        true => Err(invalid(
-            1,
-            "there is no target: add a line such as `0, twist, base, 1, 0.01 0 0 0 0 0`".to_owned(),
-        )),
-        false => Ok(rows),
+    if rows.is_empty() {
+        let message = "there is no target: add a line such as `0, twist, base, 1, 0.01 0 0 0 0 0`";
+        return Err(invalid(1, message.to_owned()));
     }
+    Ok(rows)
 }
 
 fn miscounted(kind: u32, count: usize) -> String {
@@ -364,12 +362,11 @@ pub fn write(rows: &[Row], rate_hz: u32) -> String {
                     values.join(" ")
                 );
                 let (given, [x, y, z]) = (seconds(target.given_tick), target.force);
-                match target.force == [0.0; 3] {
-                    true => format!("{head}, {side}, {given}"),
-                    false => {
-                        let frame = name_of(FRAMES, target.force_frame);
-                        format!("{head}, {side}, {given}, {frame} {x} {y} {z}")
-                    }
+                if target.force == [0.0; 3] {
+                    format!("{head}, {side}, {given}")
+                } else {
+                    let frame = name_of(FRAMES, target.force_frame);
+                    format!("{head}, {side}, {given}, {frame} {x} {y} {z}")
                 }
             }
         };
@@ -402,13 +399,13 @@ fn number(text: &str, what: &str) -> Result<f64, String> {
 
 fn ticks(text: &str, rate_hz: u32) -> Result<u64, String> {
     let time: f64 = number(text.trim(), "a time in s")?;
-    match (0.0..=LATEST_S).contains(&time) {
-        true => Ok((time * f64::from(rate_hz)).round() as u64),
-        false => Err(format!(
-            "the time {} s is out of range: 0 to {LATEST_S}",
-            text.trim()
-        )),
+    if (0.0..=LATEST_S).contains(&time) {
+        return Ok((time * f64::from(rate_hz)).round() as u64);
     }
+    let time = text.trim();
+    Err(format!(
+        "the time {time} s is out of range: 0 to {LATEST_S}"
+    ))
 }
 
 #[cfg(test)]

@@ -134,9 +134,10 @@ impl<'a> Book<'a> {
                 lost,
                 messages: accounts().map(|one| one.hash.count()).sum(),
                 not_drawn: self.assembler.foreign(),
-                file: match self.job.record {
-                    true => MESSAGES.to_owned(),
-                    false => String::new(),
+                file: if self.job.record {
+                    MESSAGES.to_owned()
+                } else {
+                    String::new()
                 },
                 ..RecorderSummary::default()
             },
@@ -169,9 +170,10 @@ pub fn rebuild(robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
         }
     }
     book.judge_rest(true);
-    match book.lacks.is_empty() {
-        true => book.record.place(),
-        false => book.record.leave(),
+    if book.lacks.is_empty() {
+        book.record.place()
+    } else {
+        book.record.leave()
     }
     book.record.finish();
     let mut summary = book.summary(0);

@@ -288,9 +288,10 @@ impl Judge {
 }
 
 fn pace(ticks: u64, wall_s: f64) -> Pace {
-    let ticks_per_s = match wall_s > 0.0 {
-        true => ticks as f64 / wall_s,
-        false => 0.0,
+    let ticks_per_s = if wall_s > 0.0 {
+        ticks as f64 / wall_s
+    } else {
+        0.0
     };
     Pace {
         wall_s,

@@ -136,10 +136,11 @@ impl<'a> Recorder<'a> {
         let (from, is_first) = (shell.manifest().from, shell.incarnation() == 1);
         let (path, contents) = (job.out.join(MESSAGES), Contents::of(job));
         let mut book = Book::new(robot, job)?;
-        let last = match job.record && !is_first {
+        let last = if job.record && !is_first {
             // None where its predecessor has died before its first chunk.
-            true => RecordReader::last_ticks(&path, &contents).unwrap_or_default(),
-            false => Vec::new(),
+            RecordReader::last_ticks(&path, &contents).unwrap_or_default()
+        } else {
+            Vec::new()
         };
         let mut topics = Vec::new();
         for (channel, layout) in contents.layouts().iter().enumerate() {

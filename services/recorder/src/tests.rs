@@ -282,9 +282,10 @@ fn a_bit_that_is_flipped_makes_no_message_wrong_and_costs_only_those_of_its_chun
         std::fs::write(&path, &damaged).unwrap();
         let (ticks, flaws) = read(&path);
         let chunk = places.iter().take_while(|begin| **begin <= at).count();
-        let of_chunk = match (1..ends.len()).contains(&chunk) {
-            true => ends[chunk - 1]..ends[chunk],
-            false => 0..0,
+        let of_chunk = if (1..ends.len()).contains(&chunk) {
+            ends[chunk - 1]..ends[chunk]
+        } else {
+            0..0
         };
         let lost: Vec<u64> = (0..40).filter(|tick| !ticks.contains(tick)).collect();
         assert!(
@@ -380,9 +381,12 @@ fn errors_beyond_all_numbers_do_not_cost_the_account() {
 
 /// The ticks that are given out now, or at the end, and which of them are whole.
 fn given(assembler: &mut Assembler, is_over: bool) -> Vec<(u64, bool)> {
-    let next = || match is_over {
-        true => assembler.rest(),
-        false => assembler.next_row(),
+    let next = || {
+        if is_over {
+            assembler.rest()
+        } else {
+            assembler.next_row()
+        }
     };
     let rows = std::iter::from_fn(next);
     let has_all =

@@ -169,9 +169,10 @@ impl Assembler {
     /// The next tick of those that are left, when no message comes any more.
     pub fn rest(&mut self) -> Option<Box<Row>> {
         let gap = self.rows.front()?.tick - self.next;
-        let row = match gap == 0 || gap > HORIZON {
-            true => self.rows.pop_front()?,
-            false => Box::new(Row::empty(self.next)),
+        let row = if gap == 0 || gap > HORIZON {
+            self.rows.pop_front()?
+        } else {
+            Box::new(Row::empty(self.next))
         };
         self.next = row.tick.saturating_add(1);
         Some(row)

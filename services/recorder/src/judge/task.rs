@@ -127,9 +127,10 @@ impl TaskMeter {
             contact_max_n,
             ..
         } = self.summary;
-        let what = match self.force.has_begun {
-            true => "the arm pressed more than twice as hard as asked, or on something else,",
-            false => "the arm touched the floor, a surface or itself",
+        let what = if self.force.has_begun {
+            "the arm pressed more than twice as hard as asked, or on something else,"
+        } else {
+            "the arm touched the floor, a surface or itself"
         };
         self.contact_since.map(|since| {
             format!("{what} for {contact_ticks} ticks from tick {since} on, with up to {contact_max_n:.0} N")
