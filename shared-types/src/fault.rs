@@ -230,7 +230,8 @@ impl Fault {
         rate_hz: u32,
         seed: u64,
     ) -> Result<ScheduledFault, Complaint> {
-        let (kind, process) = (self.kind, &self.process);
+        let kind = self.kind;
+        let process = &self.process;
         let names: Vec<_> = kind.roles().iter().map(|role| role.about()).collect();
         require(
             kind.roles().contains(&on.role),
@@ -380,10 +381,8 @@ impl Fault {
 
     /// Where the number lies that it corrupts, in bytes; by default the first number of the message.
     fn corrupted_place(&self, fields: &[Field]) -> Result<u32, Complaint> {
-        let (numbers, process) = (
-            fields.iter().filter(|field| field.is_number()),
-            &self.process,
-        );
+        let numbers = fields.iter().filter(|field| field.is_number());
+        let process = &self.process;
         let numbers: Vec<&Field> = numbers.collect();
         let known: Vec<&str> = numbers.iter().map(|field| &*field.name).collect();
         let Some(first) = known.first() else {
@@ -507,7 +506,8 @@ mod tests {
             assert_eq!(kind.name().parse::<Kind>(), Ok(kind));
             let suits = |process: &&crate::process::Process| kind.suits(process);
             for process in graph().process.iter().filter(suits) {
-                let (target, process) = (graph().target(&process.name).unwrap(), &process.name);
+                let target = graph().target(&process.name).unwrap();
+                let process = &process.name;
                 let ways: Vec<_> = kind.ways().map(Some).collect();
                 for way in if ways.is_empty() { vec![None] } else { ways } {
                     let fault = Fault {

@@ -204,7 +204,8 @@ fn lay_over(document: &mut toml::Value, setting: &str) -> Result<(), (String, St
         )
     };
     let keys: Vec<&str> = path.trim().split('.').collect();
-    let (first, second) = (keys[0], keys.get(1));
+    let first = keys[0];
+    let second = keys.get(1);
     let is_element = second.is_some_and(|key| key.parse::<usize>().is_ok());
     if is_element && document.get(first).is_none() {
         // An element of a list that the file does not have.

@@ -150,8 +150,10 @@ fn field(text: &str, before: &[Field]) -> Result<Field, Complaint> {
         let remedy = "name: type, as in `kinetic_j: f64`";
         Complaint::new("", format!("`{text}` is no field"), remedy)
     })?;
-    let (name, type_name) = (name.trim(), type_name.trim());
-    let (is_first, is_header) = (before.is_empty(), type_name == Header::ELEMENT);
+    let name = name.trim();
+    let type_name = type_name.trim();
+    let is_first = before.is_empty();
+    let is_header = type_name == Header::ELEMENT;
     require(
         is_first == is_header && is_first == (name == "header"),
         "",
@@ -266,7 +268,8 @@ mod tests {
             "count: u64",
             "codes: [u32; 2]",
         ];
-        let (declared, known) = (declared(&fields).unwrap(), MessageLayout::of::<Mixed>());
+        let declared = declared(&fields).unwrap();
+        let known = MessageLayout::of::<Mixed>();
         assert_eq!(
             (declared.hash, declared.bytes),
             (Mixed::layout_hash(), size_of::<Mixed>())

@@ -254,7 +254,8 @@ impl Scenario {
             format!("the task takes {} s", self.duration_s()),
             "10 hours at most",
         )?;
-        let (has_frame, has_floor) = (!self.frame.is_empty(), self.plant.floor_m.is_some());
+        let has_frame = !self.frame.is_empty();
+        let has_floor = self.plant.floor_m.is_some();
         let mut mount = self.mount.iter();
         mount.try_for_each(|mount| mount.check(has_frame, has_floor))?;
         self.plant.check()?;

@@ -262,7 +262,8 @@ fn content(line: &str, per_metre: f64, tick: u64, rate_hz: u32) -> Result<Target
         Err(_) => code(frame, FRAMES, "frame")?,
     };
     target.valid_s = number(next().unwrap_or_default(), "valid_s")?;
-    let (mut values, mut count) = ([0.0; 13], 0);
+    let mut values = [0.0; 13];
+    let mut count = 0;
     for text in next().unwrap_or_default().split_whitespace() {
         *values.get_mut(count).ok_or("more than 13 values")? = number(text, "a value")?;
         count += 1;
@@ -354,14 +355,16 @@ pub fn write(rows: &[Row], rate_hz: u32) -> String {
                     target.kind
                 };
                 let values: Vec<String> = values.iter().map(f64::to_string).collect();
-                let (kind, side) = (name_of(TARGETS, kind), name_of(SIDES, target.side));
+                let kind = name_of(TARGETS, kind);
+                let side = name_of(SIDES, target.side);
                 let head = format!(
                     "{}, {kind}, {frame}, {}, {}",
                     seconds(*tick),
                     target.valid_s,
                     values.join(" ")
                 );
-                let (given, [x, y, z]) = (seconds(target.given_tick), target.force);
+                let given = seconds(target.given_tick);
+                let [x, y, z] = target.force;
                 if target.force == [0.0; 3] {
                     format!("{head}, {side}, {given}")
                 } else {
@@ -440,7 +443,8 @@ mod tests {
                 .map(|target| target.ok().map(|target| target.twist[0]))
                 .collect()
         };
-        let (metres, unknown) = (format!("{HEAD}m"), format!("{HEAD}cm"));
+        let metres = format!("{HEAD}m");
+        let unknown = format!("{HEAD}cm");
         assert_eq!(speeds(line), [Some(5.0)]);
         let text = format!("\u{feff}{HEAD}mm\n# a comment\n\n{line}\n{metres}\n{line}\n");
         assert_eq!(speeds(&text), [Some(0.005), Some(5.0)]);

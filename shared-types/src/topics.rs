@@ -181,7 +181,8 @@ pub const CHAIN: [&str; 4] = [
 pub const MAX_TOPICS: usize = 29;
 
 const fn is_same(a: &str, b: &str) -> bool {
-    let (a, b) = (a.as_bytes(), b.as_bytes());
+    let a = a.as_bytes();
+    let b = b.as_bytes();
     let mut i = 0;
     while i < a.len() && i < b.len() && a[i] == b[i] {
         i += 1;

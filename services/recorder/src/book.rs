@@ -153,7 +153,8 @@ impl<'a> Book<'a> {
 /// # Errors
 /// [`ProcessError`] if the messages cannot be read.
 pub fn rebuild(robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
-    let (path, contents) = (job.out.join(MESSAGES), Contents::of(job));
+    let path = job.out.join(MESSAGES);
+    let contents = Contents::of(job);
     let mut book = Book::new(robot, job)?;
     match RecordReader::open(&path, &contents) {
         Ok(mut earlier) => {

@@ -139,7 +139,8 @@ fn ros_name(type_name: &str) -> [String; 2] {
 /// The name of a layout as a ROS 2 message, and its definition with those of its structures.
 pub(crate) fn schema(layout: &MessageLayout) -> (String, String) {
     let [package, name] = ros_name(&layout.type_name);
-    let (mut out, mut parts) = (String::new(), Vec::new());
+    let mut out = String::new();
+    let mut parts = Vec::new();
     fields(&package, &layout.fields, &mut out, &mut parts);
     for part in parts {
         let _ = writeln!(out, "{:=<80}\nMSG: {package}/{part}", "");

@@ -62,7 +62,8 @@ impl Cut {
         let length = std::fs::metadata(path).map_or(0, |file| file.len());
         let mut tail = TAIL;
         loop {
-            let (mut newest, mut end) = (None, RecordReader::at_end(path, contents, tail)?);
+            let mut newest = None;
+            let mut end = RecordReader::at_end(path, contents, tail)?;
             while let Some(item) = end.as_mut().and_then(RecordReader::next_item) {
                 if let Item::Cut(cut) = item
                     && is_usable(cut.tick)

@@ -39,7 +39,8 @@ pub(crate) fn number(message: &[u8], at: &mut usize) -> Option<usize> {
 
 /// The next bytes behind their number.
 pub(crate) fn bytes<'a>(message: &'a [u8], at: &mut usize) -> Option<&'a [u8]> {
-    let (length, from) = (number(message, at)?, *at);
+    let length = number(message, at)?;
+    let from = *at;
     *at = from.checked_add(length)?;
     message.get(from..*at)
 }

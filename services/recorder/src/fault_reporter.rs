@@ -61,11 +61,9 @@ fn events(course: &FaultRecord, fault: &Fault) -> [Event; 3] {
         |exit| format!("the {process} ended with {exit}"),
     );
     let kind = exit.map_or(fault.kind.name(), |_| "end");
-    let (injected, detected, recovered) = (
-        format!("fault ({}): {sentence}", origin.name()),
-        format!("{kind} of the {process} detected after {detected_ms:.2} ms"),
-        format!("{process} is back, {recovered_ms:.0} ms later"),
-    );
+    let injected = format!("fault ({}): {sentence}", origin.name());
+    let detected = format!("{kind} of the {process} detected after {detected_ms:.2} ms");
+    let recovered = format!("{process} is back, {recovered_ms:.0} ms later");
     let event = |tick, level, text| Event {
         tick,
         level,

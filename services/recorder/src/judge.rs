@@ -151,7 +151,8 @@ impl Judge {
     }
 
     fn whole(&mut self, tick: Tick<'_>) -> TaskError {
-        let (events, k) = (&mut self.events, tick.truth.header.tick);
+        let events = &mut self.events;
+        let k = tick.truth.header.tick;
         let mut event = |text: String| {
             if events.len() < MOST_EVENTS {
                 events.push((k, text));
@@ -159,7 +160,8 @@ impl Judge {
         };
         self.truth.analyse(tick.truth, tick.report);
         let truth = self.truth.as_ref();
-        let (goal, dt_s) = (&self.scenario.goal, self.scenario.dt_s());
+        let goal = &self.scenario.goal;
+        let dt_s = self.scenario.dt_s();
         let whole = self
             .path
             .error(truth, tick.control.path_time_s, tick.truth, dt_s)
@@ -170,7 +172,8 @@ impl Judge {
         tick.servo
             .into_iter()
             .for_each(|state| self.steered.tick(state));
-        let (place, is_beyond) = (self.path.place(), truth.is_beyond(&whole));
+        let place = self.path.place();
+        let is_beyond = truth.is_beyond(&whole);
         self.task.tick(&error, is_beyond);
         // At a fold the path may lie outwards by as much as a route may deviate, and the goal's own bound.
         let bound_mm = goal.path_mm + goal.position_mm;
@@ -192,7 +195,8 @@ impl Judge {
         }
         self.end.clipped |= tick.control.clipped != 0;
         self.end.is_at_boundary = is_at_boundary(&error, goal);
-        (self.end.phase, self.end.refusal) = (tick.torque.phase, tick.control.refusal);
+        self.end.phase = tick.torque.phase;
+        self.end.refusal = tick.control.refusal;
         if self.end.phase == codes::PHASE_REFUSED {
             let left = self.path.left(self.truth.as_ref(), tick.truth);
             let split = left.map(|left| TaskError::split(self.truth.as_ref(), &left));
@@ -230,9 +234,12 @@ impl Judge {
         let breach = self
             .path
             .breach(self.truth.as_ref(), &self.scenario, completed);
-        let (goal, session) = (&self.scenario.goal, self.scenario.servo.as_ref());
-        let (is_done, stopped) = (breach.is_none(), self.stopped());
-        let (mut along, contact) = (self.task.along(), self.task.clause());
+        let goal = &self.scenario.goal;
+        let session = self.scenario.servo.as_ref();
+        let is_done = breach.is_none();
+        let stopped = self.stopped();
+        let mut along = self.task.along();
+        let contact = self.task.clause();
         let planned_ticks = self.scenario.planned_ticks() as f64;
         let mut task = self.task.finish(self.ticks, planned_ticks);
         let mut beyond = self.reach.finish(self.truth.as_ref());
@@ -242,7 +249,8 @@ impl Judge {
             beyond = Beyond::default();
         }
         along[0] = larger(along[0], beyond.within_mm);
-        (task.beyond_max_mm, task.beyond_ticks) = (beyond.most_mm, beyond.ticks);
+        task.beyond_max_mm = beyond.most_mm;
+        task.beyond_ticks = beyond.ticks;
         let (outcome, mut reason) = match (self.end.phase, breach) {
             (codes::PHASE_DONE, Some(breach)) => (MISSED, breach),
             (codes::PHASE_DONE, None) => {

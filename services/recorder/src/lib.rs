@@ -84,7 +84,8 @@ fn written(summary: &Summary) -> serde_json::Result<Vec<u8>> {
             _ => {}
         }
     }
-    let (mut value, mut found) = (serde_json::to_value(summary)?, Vec::new());
+    let mut value = serde_json::to_value(summary)?;
+    let mut found = Vec::new();
     bound(&mut value, "", &mut found);
     if !found.is_empty() {
         value["not_finite"] = found.into();
@@ -133,8 +134,10 @@ fn pace(mode: Mode) -> Duration {
 
 impl<'a> Recorder<'a> {
     fn open(shell: &'a Shell, robot: &'a Robot, job: &'a Job) -> Result<Self, ProcessError> {
-        let (from, is_first) = (shell.manifest().from, shell.incarnation() == 1);
-        let (path, contents) = (job.out.join(MESSAGES), Contents::of(job));
+        let from = shell.manifest().from;
+        let is_first = shell.incarnation() == 1;
+        let path = job.out.join(MESSAGES);
+        let contents = Contents::of(job);
         let mut book = Book::new(robot, job)?;
         let last = if job.record && !is_first {
             // None where its predecessor has died before its first chunk.
@@ -169,7 +172,8 @@ impl<'a> Recorder<'a> {
 
     /// Begins the record, with all that there is of it before a cut or, in real time, before the death of a recorder.
     fn begin(&mut self, path: &Path, contents: &Contents) -> Result<(), ProcessError> {
-        let (from, is_recorded) = (self.shell.manifest().from, self.job.record);
+        let from = self.shell.manifest().from;
+        let is_recorded = self.job.record;
         let before = match from {
             0 => u64::MAX,
             from => from,
@@ -186,7 +190,8 @@ impl<'a> Recorder<'a> {
         let Some(mut earlier) = earlier else {
             return Ok(());
         };
-        let (topics, mut waiting) = (&mut self.topics, Vec::new());
+        let topics = &mut self.topics;
+        let mut waiting = Vec::new();
         let taken = self.book.take_up(&mut earlier, || {
             // In real time messages come meanwhile.
             topics

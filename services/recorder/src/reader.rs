@@ -183,7 +183,8 @@ impl RecordReader {
             bytes,
             ..
         } = self.next_stored()?;
-        let (tick, bytes) = (self.contents.tick_at(time_ns), &self.chunk.bytes[bytes]);
+        let tick = self.contents.tick_at(time_ns);
+        let bytes = &self.chunk.bytes[bytes];
         Some(match channel {
             channel if channel < self.counts.len() => Item::Message {
                 channel,
@@ -249,7 +250,8 @@ impl RecordReader {
 
     /// The bytes at a place, as far as the file goes.
     fn read(&self, at: u64, length: u64) -> Result<Vec<u8>, RecordError> {
-        let (mut file, mut bytes) = (&self.file, Vec::with_capacity(length as usize));
+        let mut file = &self.file;
+        let mut bytes = Vec::with_capacity(length as usize);
         let found = file.seek(SeekFrom::Start(at));
         let read = found.and_then(|_| file.take(length).read_to_end(&mut bytes));
         read.map_err(RecordError::file("read", &self.path))?;
@@ -308,7 +310,8 @@ impl RecordReader {
     /// The first chunk from a place on that is as it was written.
     fn find_chunk(&self, from: u64) -> Result<Option<u64>, RecordError> {
         const WINDOW: u64 = 1 << 16;
-        let (mut begin, end) = (from, self.length()?);
+        let mut begin = from;
+        let end = self.length()?;
         while begin < end {
             let window = self.read(begin, WINDOW + CHUNK_HEAD as u64 + 4)?;
             for (at, head) in (begin..begin + WINDOW).zip(window.windows(CHUNK_HEAD + 4)) {
@@ -339,7 +342,8 @@ impl RecordReader {
         if sum.is_none_or(|sum| sum == [0; 4]) {
             return Err(RecordError::damaged(&self.path, &"a chunk has no checksum"));
         }
-        let (mut reader, mut chunk) = (LinearReader::new_with_options(options), Chunk::default());
+        let mut reader = LinearReader::new_with_options(options);
+        let mut chunk = Chunk::default();
         reader.insert(record.len()).copy_from_slice(record);
         reader.notify_read(record.len());
         while let Some(event) = reader.next_event() {
@@ -363,7 +367,8 @@ impl RecordReader {
         header: &MessageHeader,
         data: &[u8],
     ) -> Result<(), RecordError> {
-        let (layouts, begin) = (self.contents.layouts(), chunk.bytes.len());
+        let layouts = self.contents.layouts();
+        let begin = chunk.bytes.len();
         let [events, _, cuts] = self.contents.extra();
         let channel = usize::from(header.channel_id).wrapping_sub(1);
         let message = match layouts.get(channel) {

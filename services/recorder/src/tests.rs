@@ -71,7 +71,8 @@ fn add(record: &mut RecordWriter, ticks: std::ops::Range<u64>) {
 /// A record of chunks that end at these ticks, as bytes, and where each chunk begins and ends.
 fn written(path: &Path, contents: &Contents, ends: &[u64]) -> (Vec<u8>, Vec<usize>) {
     let mut record = RecordWriter::create(path, contents).unwrap();
-    let (mut begin, mut places) = (0, vec![record.bytes() as usize]);
+    let mut begin = 0;
+    let mut places = vec![record.bytes() as usize];
     for end in ends {
         add(&mut record, begin..*end);
         record.close_chunk().unwrap();
@@ -354,10 +355,8 @@ fn errors_beyond_all_numbers_do_not_cost_the_account() {
         ticks: 7,
         ..Summary::default()
     };
-    (
-        summary.task.position_rms_mm,
-        summary.task.final_orientation_deg,
-    ) = (f64::INFINITY, f64::NAN);
+    summary.task.position_rms_mm = f64::INFINITY;
+    summary.task.final_orientation_deg = f64::NAN;
     summary.joints.q_end = vec![0.5, f64::NEG_INFINITY];
     let read: Summary = serde_json::from_slice(&super::written(&summary).unwrap()).unwrap();
     assert_eq!(

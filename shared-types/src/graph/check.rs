@@ -36,7 +36,8 @@ impl Graph {
             format!("the graph has {count} processes"),
             format!("{MAX_PROCESSES} at most"),
         )?;
-        let (own, most) = (self.topic.len(), MAX_TOPICS - TOPICS.len());
+        let own = self.topic.len();
+        let most = MAX_TOPICS - TOPICS.len();
         let message = format!("the graph declares {own} topics");
         require(own <= most, "topic", message, format!("{most} at most"))?;
         each("topic", &self.topic, |i, topic| self.check_topic(i, topic))?;
@@ -51,7 +52,8 @@ impl Graph {
 
     /// The path is relative to the topic.
     fn check_topic(&self, i: usize, topic: &DeclaredTopic) -> Result<(), Complaint> {
-        let (name, type_name) = (&topic.name, &topic.type_name);
+        let name = &topic.name;
+        let type_name = &topic.type_name;
         let message = format!("`{name}` cannot be the name of a topic");
         require(is_name(name), "name", message, NAMES)?;
         let is_new = !is_listed(name) && self.topic[..i].iter().all(|one| one.name != *name);
@@ -177,7 +179,8 @@ impl Graph {
         let name = |i: usize| &self.process[i].name;
         // A second recorder would write the same files.
         if let [first, second, ..] = places(&|one| one.program() == Some(Program::Recorder))[..] {
-            let (first, second_name) = (name(first), name(second));
+            let first = name(first);
+            let second_name = name(second);
             return Err(Complaint::new(
                 format!("process.{second}.name"),
                 format!("`{second_name}` records the run as `{first}` does, into the same files"),
@@ -302,7 +305,8 @@ fn uses(process: &Process) -> [(&'static str, &Vec<String>); 3] {
 
 /// Whether its keys belong to one kind of process; the path is relative to the process.
 fn check_kind(process: &Process) -> Result<(), Complaint> {
-    let (name, has_command) = (&process.name, !process.command.is_empty());
+    let name = &process.name;
+    let has_command = !process.command.is_empty();
     require(
         !(process.external && has_command),
         "external",
@@ -361,7 +365,8 @@ fn check_command(process: &Process) -> Result<(), Complaint> {
 
 /// A robot: it has the topics of the simulated plant, and nothing else is to run as it.
 fn check_robot(process: &Process) -> Result<(), Complaint> {
-    let (name, plant) = (&process.name, built_in(Program::Plant));
+    let name = &process.name;
+    let plant = built_in(Program::Plant);
     require(
         process.command.is_empty() && process.program.is_empty() && !process.external,
         "robot",

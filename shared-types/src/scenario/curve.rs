@@ -160,7 +160,8 @@ pub(super) fn check_quaternion(path: &str, quaternion: &[f64; 4]) -> Result<(), 
 impl Points {
     pub(super) fn check(&self, key: &str, has_corners: bool) -> Result<(), Complaint> {
         let within = |name: &str| format!("{key}.{name}");
-        let (points, turns) = (self.points_m.len(), self.quaternions.len());
+        let points = self.points_m.len();
+        let turns = self.quaternions.len();
         require(
             (1..=10_000).contains(&points),
             within("points_m"),

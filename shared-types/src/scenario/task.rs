@@ -153,7 +153,8 @@ impl Start {
             "give one of q, q_deg, posture; a setting replaces all of them as start={q_deg = [0, 90]}",
         )?;
         for (name, values) in [("q_deg", q_deg), ("q", q)] {
-            let (path, values) = (format!("start.{name}"), values.as_deref());
+            let path = format!("start.{name}");
+            let values = values.as_deref();
             each(&path, values.unwrap_or_default(), |_, value| {
                 let message = "a joint position is not a number";
                 require(value.is_finite(), "", message, "finite numbers")
@@ -167,7 +168,8 @@ impl Segment {
     /// The posture to which the null space is drawn, if the segment gives one.
     #[must_use]
     pub fn posture(&self) -> Option<Start> {
-        let (q, q_deg) = (self.posture_q.clone(), self.posture_deg.clone());
+        let q = self.posture_q.clone();
+        let q_deg = self.posture_deg.clone();
         let is_given = q.is_some() || q_deg.is_some();
         is_given.then_some(Start {
             q,

@@ -88,7 +88,8 @@ impl ForceMeter {
     /// Whether the force has come about since it was asked for: the time before that is a target's approach. From then on its set-point changes in the time of its ramp.
     fn is_reached(&mut self, contact: &Contact, dt_s: f64) -> bool {
         let leg = &mut self.leg;
-        (leg.asked_s, leg.e) = (leg.asked_s + dt_s, contact.e);
+        leg.asked_s += dt_s;
+        leg.e = contact.e;
         let (share, long_s) = Contact::REACHED;
         if leg.reached_s < long_s {
             let off = (contact.pressed_n - contact.newtons).abs();
@@ -192,7 +193,9 @@ pub(super) fn unkept(force: &ForceSummary, goal: &Goal) -> Option<String> {
         let ticks = force.lift_off_ticks;
         return Some(format!("the hand lost its contact for {ticks} ticks"));
     }
-    let (rms_n, newtons, bound) = (force.rms_n, force.newtons, goal.force_n);
+    let rms_n = force.rms_n;
+    let newtons = force.newtons;
+    let bound = goal.force_n;
     if force.ticks == 0 || force.unreached > 0 {
         return Some(format!("a force of up to {newtons} N did not come about"));
     }
@@ -201,7 +204,8 @@ pub(super) fn unkept(force: &ForceSummary, goal: &Goal) -> Option<String> {
             "force of {newtons} N off by {rms_n:.3} N (root mean square), allowed {bound} N"
         ));
     }
-    let (off, bound) = (force.moment_rms_nm?, goal.moment_nm);
+    let off = force.moment_rms_nm?;
+    let bound = goal.moment_nm;
     (!within(off, bound))
         .then(|| format!("moments off by {off:.3} N·m (root mean square), allowed {bound} N·m"))
 }

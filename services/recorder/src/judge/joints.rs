@@ -156,7 +156,8 @@ impl JointMeter {
         match tick.control.refusal {
             REFUSAL_LIMIT => {
                 let room = |i: usize| {
-                    let (q, qdot) = (tick.truth.q[i], tick.truth.qdot[i]);
+                    let q = tick.truth.q[i];
+                    let qdot = tick.truth.qdot[i];
                     if qdot > 0.0 {
                         (self.limits.upper[i] - q, self.limits.upper[i])
                     } else {
@@ -165,7 +166,8 @@ impl JointMeter {
                 };
                 let joint = (0..self.count()).min_by(|a, b| room(*a).0.total_cmp(&room(*b).0))?;
                 let (left, limit) = room(joint);
-                let (name, kind) = (&self.limits.names[joint], self.limits.kinds[joint]);
+                let name = &self.limits.names[joint];
+                let kind = self.limits.kinds[joint];
                 let [unit, _] = kind.units();
                 Some(format!(
                     "{name} was {:.2}{unit} from its limit of {:.1}{unit} at tick {k}",
@@ -351,10 +353,8 @@ impl JointMeter {
         let steps = self.torque_steps;
         if !steps.is_empty() {
             let ratio = |quantile| steps.value_at_quantile(quantile) as f64 / STEP_UNIT;
-            (
-                self.summary.torque_step_p95_ratio,
-                self.summary.torque_step_p99_ratio,
-            ) = (ratio(0.95), ratio(0.99));
+            self.summary.torque_step_p95_ratio = ratio(0.95);
+            self.summary.torque_step_p99_ratio = ratio(0.99);
         }
         self.summary
     }

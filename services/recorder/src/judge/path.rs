@@ -42,9 +42,11 @@ impl PathMeter {
         state: &PlantState,
         dt_s: f64,
     ) -> Option<Vector6<f64>> {
-        let (place, tick) = (self.place.as_mut()?, state.header.tick);
+        let place = self.place.as_mut()?;
+        let tick = state.header.tick;
         let by_s = self.clock.take(tick, path_time_s, dt_s);
-        let (before, had_begun) = (place.leg, place.begun);
+        let before = place.leg;
+        let had_begun = place.begun;
         truth.advance(place, by_s);
         for leg in before..place.leg {
             self.posture.end(leg, truth.asked(leg));
@@ -81,7 +83,8 @@ impl PathMeter {
         is_done: bool,
     ) -> Option<String> {
         self.place.as_ref()?;
-        let (came_s, all_s) = (self.clock.time_s, truth.duration_s());
+        let came_s = self.clock.time_s;
+        let all_s = truth.duration_s();
         if let Some((tick, from_s, to_s)) = self.clock.breach {
             return Some(format!(
                 "the controller moved the path's time from {from_s:.3} s to {to_s:.3} s by tick {tick}: it may only run on, at most as fast as the run"

@@ -113,7 +113,8 @@ fn judged(ticks: u64, shape: impl Fn(u64, &mut ByTopic<Whole>)) -> Summary {
 /// A tick of an arm whose end-effector has the base's orientation, as desired.
 fn upright(tick: u64) -> ByTopic<Whole> {
     let mut m = ByTopic::<Whole>::default();
-    (m.plant_state.R_BE, m.control_state.R_BE_d) = (IDENTITY, IDENTITY);
+    m.plant_state.R_BE = IDENTITY;
+    m.control_state.R_BE_d = IDENTITY;
     (m.sensor.header.tick, m.plant_state.header.tick) = (tick, tick);
     (m.control_state.header.tick, m.torque.header.tick) = (tick, tick);
     m
@@ -176,7 +177,9 @@ fn an_error_is_judged_where_it_lies() {
 fn near(m: &mut ByTopic<Whole>, kind: u32) {
     m.singularity.count = 1;
     let one = &mut m.singularity.singularities[0];
-    (one.kind, one.inside, one.zeta_B[0]) = (kind, 1, 1.0);
+    one.kind = kind;
+    one.inside = 1;
+    one.zeta_B[0] = 1.0;
 }
 
 #[test]
@@ -185,7 +188,8 @@ fn the_angle_through_which_zeta_turns_is_measured_from_the_entry() {
         near(m, codes::KIND_WRIST);
         let zeta = &mut m.singularity.singularities[0];
         let (sin, cos) = (k as f64).to_radians().sin_cos();
-        (zeta.angular, zeta.zeta_B) = (1, [0.0, 0.0, 0.0, cos, sin, 0.0]);
+        zeta.angular = 1;
+        zeta.zeta_B = [0.0, 0.0, 0.0, cos, sin, 0.0];
     });
     let wrist = &verdict.singularities[0];
     assert!((wrist.zeta_turned_deg - 90.0).abs() < 1e-9);
@@ -199,9 +203,11 @@ fn a_switch_puts_in_the_power_that_jumps() {
         // 4 N·m at 0.5 rad/s against 1 N·m at 1 rad/s: 1 W for 25 ms.
         if k >= 10 {
             m.control_state.mode[0] = codes::MODE_TRACK;
-            (m.torque.tau[0], m.torque.tau[1]) = (4.0, -1.0);
+            m.torque.tau[0] = 4.0;
+            m.torque.tau[1] = -1.0;
         }
-        (m.plant_state.qdot[0], m.plant_state.qdot[1]) = (0.5, 1.0);
+        m.plant_state.qdot[0] = 0.5;
+        m.plant_state.qdot[1] = 1.0;
     });
     assert_eq!(verdict.joints.switches, 1);
     assert!((verdict.joints.switch_energy_j - 0.025).abs() < 1e-12);
@@ -216,7 +222,9 @@ fn a_turn_is_followed_from_its_announcement_to_its_end() {
             m.singularity.singularities[1].kind = codes::KIND_WRIST;
             if (10..20).contains(&k) && !silent.contains(&k) {
                 let state = &mut m.control_state;
-                (state.planned, state.planned_s, state.planned_dq[3]) = (2, 0.009, 1.5);
+                state.planned = 2;
+                state.planned_s = 0.009;
+                state.planned_dq[3] = 1.5;
             }
             m.plant_state.q[3] = 0.1 * k.clamp(10, 20) as f64;
         });
@@ -257,8 +265,10 @@ fn loads_are_ratios_and_steps_have_a_tail() {
 fn latencies_come_from_the_stamps_and_an_unfinished_run_is_stopped() {
     let verdict = judged(10, |k, m| {
         let start = 1_000_000 * (k + 1);
-        let (sensor, torque) = (&mut m.sensor.header.stamps, &mut m.torque.header.stamps);
-        (sensor.sent_ns[0], sensor.received_ns[0]) = (start, start - 900_000);
+        let sensor = &mut m.sensor.header.stamps;
+        let torque = &mut m.torque.header.stamps;
+        sensor.sent_ns[0] = start;
+        sensor.received_ns[0] = start - 900_000;
         torque.sent_ns[..2].copy_from_slice(&[start, start + 5_000]);
         torque.received_ns[1] = start + 2_000;
         m.torque.phase = codes::PHASE_RUNNING;
@@ -276,11 +286,9 @@ fn latencies_come_from_the_stamps_and_an_unfinished_run_is_stopped() {
 fn on_a_grid_latencies_count_from_the_due_time_and_skipped_points_count_too() {
     const MS: u64 = 1_000_000;
     // Due at 10, 11, then 14 ms: the second tick took until 13.5 ms. It began 0.2 ms late. The third torque never came.
-    let (due, sent, received) = (
-        [10, 11, 14, 15].map(|ms| ms * MS),
-        [10_000, 11_200, 14_000, 15_000],
-        [0, 10_500, 13_500, 13_500],
-    );
+    let due = [10, 11, 14, 15].map(|ms| ms * MS);
+    let sent = [10_000, 11_200, 14_000, 15_000];
+    let received = [0, 10_500, 13_500, 13_500];
     let mut judge = Judge::of(Reported::truth(), limits(), scenario()).on_grid(MS);
     for k in 0..4 {
         let mut m = upright(k as u64);
@@ -334,7 +342,8 @@ fn nan_misses_the_goal() {
     assert!(verdict.task.final_orientation_deg.is_nan());
     let verdict = judged(10, |k, m| {
         if k == 3 {
-            (m.plant_state.qdot[1], m.torque.tau[2]) = (f64::NAN, f64::NAN);
+            m.plant_state.qdot[1] = f64::NAN;
+            m.torque.tau[2] = f64::NAN;
         }
     });
     let joints = &verdict.joints;
@@ -359,7 +368,8 @@ fn every_limit_is_in_the_summary_and_in_the_events() {
         let mut m = upright(k);
         m.torque.phase = codes::PHASE_DONE;
         if (3..7).contains(&k) {
-            (m.plant_state.limit_mask, m.plant_state.q[3]) = (1 << 3, -1.0);
+            m.plant_state.limit_mask = 1 << 3;
+            m.plant_state.q[3] = -1.0;
             m.plant_state.qdot[1] = 2.1;
             m.torque.tau[5] = limits().effort[5];
         }
@@ -490,7 +500,8 @@ fn a_drive_that_cuts_a_torque_is_named_with_its_cause() {
     ] {
         let verdict = judged(10, move |k, m| {
             if (3..7).contains(&k) {
-                (m.plant_state.saturation_mask, m.plant_state.drive_flags) = (1 << 5, flags);
+                m.plant_state.saturation_mask = 1 << 5;
+                m.plant_state.drive_flags = flags;
                 m.plant_state.tau[5] = share * limits().effort[5];
             }
         });
@@ -532,7 +543,8 @@ fn only_served_axes_are_judged() {
         let mut all = ByTopic::<Whole>::default();
         (all.plant_state.R_BE, all.control_state.R_BE_d) =
             ([0.0, 1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0], IDENTITY);
-        (all.plant_state.p_BE[0], all.plant_state.p_BE[2]) = (x_m, z_m);
+        all.plant_state.p_BE[0] = x_m;
+        all.plant_state.p_BE[2] = z_m;
         let whole = super::against_reference(&Tick::of(&all.lent()).unwrap(), &planar().served);
         super::TaskError::split(Reported::truth().as_ref(), &whole)
     };
