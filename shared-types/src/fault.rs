@@ -24,6 +24,7 @@
 mod kind;
 mod scheduled;
 
+use bytemuck::Zeroable as _;
 use serde::{Deserialize, Serialize};
 
 use crate::file::{Complaint, require};
@@ -40,7 +41,7 @@ pub use scheduled::ScheduledFault;
 const FINEST_STEP: f64 = 1e-12;
 
 /// One fault. Give each time either in ticks or in seconds.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Fault {
     /// Name of the process.
@@ -147,22 +148,19 @@ impl ScheduledFault {
         let field = field
             .map(|field| format!("{}[{}]", field.name, (at - field.offset) / size_of::<f64>()));
         Some(Fault {
-            process: process.to_owned(),
-            kind,
             way,
             at_tick: Some(self.at),
-            at_s: None,
             for_ticks: (self.until != u64::MAX).then(|| self.until.saturating_sub(self.at)),
-            for_s: None,
             probability: kind.has_probability().then_some(self.probability),
             delay_ticks: (kind == Kind::Delay).then_some(self.amount as u64),
             jitter_ticks: (kind == Kind::Delay && self.jitter > 0).then_some(self.jitter),
             field: field.filter(|_| kind == Kind::Corrupt),
             topic: on.reads.get(at).filter(|_| kind == Kind::Cut).cloned(),
             joint: kind.concerns_joint().then_some(self.target + 1),
-            amount: (!matches!(kind, Kind::Delay) && self.amount != 0.0).then_some(self.amount),
+            amount: (kind != Kind::Delay && self.amount != 0.0).then_some(self.amount),
             seed: (kind.has_probability() || matches!(kind, Kind::Delay | Kind::Sensor))
                 .then_some(self.seed),
+            ..Fault::new(process, kind)
         })
     }
 
@@ -179,18 +177,13 @@ impl ScheduledFault {
         let length = (Kind::Kill.usual_length_s() * f64::from(rate_hz))
             .round()
             .max(1.0) as u64;
-        let (kind, until) = (Kind::Kill as u32, at.saturating_add(length));
         Self {
             process,
-            kind,
-            way: 0,
-            target: 0,
+            kind: Kind::Kill as u32,
             at,
-            until,
+            until: at.saturating_add(length),
             probability: 1.0,
-            amount: 0.0,
-            jitter: 0,
-            seed: 0,
+            ..Self::zeroed()
         }
     }
 }
@@ -202,19 +195,7 @@ impl Fault {
         Self {
             process: process.to_owned(),
             kind,
-            way: None,
-            at_tick: None,
-            at_s: None,
-            for_ticks: None,
-            for_s: None,
-            probability: None,
-            delay_ticks: None,
-            jitter_ticks: None,
-            field: None,
-            topic: None,
-            joint: None,
-            amount: None,
-            seed: None,
+            ..Self::default()
         }
     }
 
@@ -249,7 +230,8 @@ impl Fault {
         rate_hz: u32,
         seed: u64,
     ) -> Result<ScheduledFault, Complaint> {
-        let (kind, process) = (self.kind, &self.process);
+        let kind = self.kind;
+        let process = &self.process;
         let names: Vec<_> = kind.roles().iter().map(|role| role.about()).collect();
         require(
             kind.roles().contains(&on.role),
@@ -353,9 +335,10 @@ impl Fault {
         let kind = self.kind;
         if let Some(way) = self.way {
             let ways: Vec<_> = kind.ways().map(Way::name).collect();
-            let remedy = match ways.is_empty() {
-                true => "leave it out".to_owned(),
-                false => format!("it comes as: {}", ways.join(", ")),
+            let remedy = if ways.is_empty() {
+                "leave it out".to_owned()
+            } else {
+                format!("it comes as: {}", ways.join(", "))
             };
             let message = format!("`{kind}` does not come as `{way}`");
             require(kind.ways().any(|one| one == way), "as", message, remedy)?;
@@ -375,11 +358,8 @@ impl Fault {
             .find(|(key, is_given)| *is_given && !rule.keys.contains(key));
         stray.map_or(Ok(()), |(key, _)| {
             let message = format!("`{kind}` has no `{key}`");
-            Err(Complaint::new(
-                *key,
-                message,
-                "leave it out; see `armplane fault --list`",
-            ))
+            let remedy = "leave it out; see `armplane fault --list`";
+            Err(Complaint::new(*key, message, remedy))
         })
     }
 
@@ -401,10 +381,8 @@ impl Fault {
 
     /// Where the number lies that it corrupts, in bytes; by default the first number of the message.
     fn corrupted_place(&self, fields: &[Field]) -> Result<u32, Complaint> {
-        let (numbers, process) = (
-            fields.iter().filter(|field| field.is_number()),
-            &self.process,
-        );
+        let numbers = fields.iter().filter(|field| field.is_number());
+        let process = &self.process;
         let numbers: Vec<&Field> = numbers.collect();
         let known: Vec<&str> = numbers.iter().map(|field| &*field.name).collect();
         let Some(first) = known.first() else {
@@ -524,11 +502,12 @@ mod tests {
 
     #[test]
     fn every_fault_repeats_itself() {
-        for &kind in Kind::ALL {
+        for kind in Kind::ALL {
             assert_eq!(kind.name().parse::<Kind>(), Ok(kind));
             let suits = |process: &&crate::process::Process| kind.suits(process);
             for process in graph().process.iter().filter(suits) {
-                let (target, process) = (graph().target(&process.name).unwrap(), &process.name);
+                let target = graph().target(&process.name).unwrap();
+                let process = &process.name;
                 let ways: Vec<_> = kind.ways().map(Some).collect();
                 for way in if ways.is_empty() { vec![None] } else { ways } {
                     let fault = Fault {

@@ -93,24 +93,20 @@ impl Complaint {
         }
     }
 
-    /// The same complaint about a value inside `path`.
+    /// The same complaint about a value inside `path`, or about that itself.
     #[must_use]
     pub fn within(self, path: &str) -> Self {
-        Self {
-            path: format!("{path}.{}", self.path),
-            ..self
-        }
+        let path = match &*self.path {
+            "" => path.to_owned(),
+            inner => format!("{path}.{inner}"),
+        };
+        Self { path, ..self }
     }
 
     /// Finds the place in the text, or the setting (`key.path=value`) that has laid a value over it: the last one for this key or for one around or
     /// inside it.
     #[must_use]
     pub fn locate_with(self, file: &str, text: &str, settings: &[String]) -> InvalidFile {
-        let is_within = |inner: &str, outer: &str| {
-            inner
-                .strip_prefix(outer)
-                .is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
-        };
         let concerns = |setting: &&String| {
             let key = setting.split_once('=').map_or("", |(key, _)| key.trim());
             is_within(key, &self.path) || is_within(&self.path, key)
@@ -165,12 +161,12 @@ pub fn parse<T: DeserializeOwned>(
     if settings.is_empty() {
         return toml::from_str(text).map_err(invalid);
     }
-    let mut table: toml::Table = toml::from_str(text).map_err(invalid)?;
+    let mut document: toml::Value = toml::from_str(text).map_err(invalid)?;
     // The original text is checked first, so that its own errors keep their lines.
     let mut made = Ok(toml::from_str(text).map_err(invalid)?);
     for setting in settings {
-        lay_over(&mut table, setting).map_err(|reason| of_setting(setting, reason))?;
-        made = match (made, table.clone().try_into::<T>()) {
+        lay_over(&mut document, setting).map_err(|reason| of_setting(setting, reason))?;
+        made = match (made, document.clone().try_into::<T>()) {
             (_, Ok(fits)) => Ok(fits),
             (Ok(_), Err(error)) => Err(of_setting(setting, explain(error.message()))),
             // The first one since which it does not fit is to blame.
@@ -190,7 +186,7 @@ fn of_setting(setting: &str, (message, remedy): (String, String)) -> InvalidFile
     }
 }
 
-fn lay_over(table: &mut toml::Table, setting: &str) -> Result<(), (String, String)> {
+fn lay_over(document: &mut toml::Value, setting: &str) -> Result<(), (String, String)> {
     let (path, value) = setting.split_once('=').ok_or_else(|| {
         (
             "a setting needs `=`".to_owned(),
@@ -207,33 +203,22 @@ fn lay_over(table: &mut toml::Table, setting: &str) -> Result<(), (String, Strin
             remedy,
         )
     };
-    let unknown = || {
-        let all = "the keys are those of the file: `armplane generate schema scenario` lists them";
-        missing(all.to_owned())
-    };
-    let mut keys = path.trim().split('.').peekable();
-    let first = keys.next().unwrap_or_default();
-    let Some(second) = keys.peek() else {
-        table.insert(first.to_owned(), value);
-        return Ok(());
-    };
-    if !table.contains_key(first) && second.parse::<usize>().is_ok() {
+    let keys: Vec<&str> = path.trim().split('.').collect();
+    let first = keys[0];
+    let second = keys.get(1);
+    let is_element = second.is_some_and(|key| key.parse::<usize>().is_ok());
+    if is_element && document.get(first).is_none() {
         // An element of a list that the file does not have.
-        let keys: Vec<&str> = table.keys().map(String::as_str).collect();
-        let hint = nearest(first, keys.into_iter());
+        let known = document.as_table().map_or(Vec::new(), |table| {
+            table.keys().map(String::as_str).collect()
+        });
+        let hint = nearest(first, known.into_iter());
         let hint = hint.map_or(String::new(), |name| format!(": did you mean `{name}`?"));
         return Err(missing(format!("the file has no [[{first}]]{hint}")));
     }
-    let mut place = table
-        .entry(first)
-        .or_insert_with(|| toml::Value::Table(toml::Table::new()));
-    while let Some(key) = keys.next() {
-        let last = keys.peek().is_none();
+    let mut place = document;
+    for key in keys {
         place = match place {
-            toml::Value::Table(inner) if last => {
-                inner.insert(key.to_owned(), value);
-                return Ok(());
-            }
             toml::Value::Table(inner) => inner
                 .entry(key)
                 .or_insert_with(|| toml::Value::Table(toml::Table::new())),
@@ -241,17 +226,16 @@ fn lay_over(table: &mut toml::Table, setting: &str) -> Result<(), (String, Strin
                 let end = items.len().saturating_sub(1);
                 let known = format!("this list has {first}.0 to {first}.{end}");
                 let item = key.parse().ok().and_then(|i: usize| items.get_mut(i));
-                let item = item.ok_or_else(|| missing(known))?;
-                if last {
-                    *item = value;
-                    return Ok(());
-                }
-                item
+                item.ok_or_else(|| missing(known))?
             }
-            _ => return Err(unknown()),
+            _ => {
+                let all = "the keys are those of the file: `armplane generate schema scenario` lists them";
+                return Err(missing(all.to_owned()));
+            }
         };
     }
-    Err(unknown())
+    *place = value;
+    Ok(())
 }
 
 /// Refuses a value that breaks a condition.
@@ -269,6 +253,18 @@ pub fn require(
     } else {
         Err(Complaint::new(path, message, remedy))
     }
+}
+
+/// Checks each item of the list at `path`; the path of a complaint is relative to its item.
+pub(crate) fn each<T>(
+    path: &str,
+    items: &[T],
+    check: impl Fn(usize, &T) -> Result<(), Complaint>,
+) -> Result<(), Complaint> {
+    let mut items = items.iter().enumerate();
+    items.try_for_each(|(i, item)| {
+        check(i, item).map_err(|complaint| complaint.within(&format!("{path}.{i}")))
+    })
 }
 
 /// Refuses a value that is not a positive finite number.
@@ -304,62 +300,61 @@ pub(crate) fn key_within(
     within(&path, value, range, format!("`{key}` is {value}"))
 }
 
+/// The values of a text with their paths and places, each before those inside it; as far as it can be read, because the text itself may be the defect.
+fn values(text: &str) -> Vec<(String, Range<usize>)> {
+    fn look(path: &str, value: &DeValue<'_>, found: &mut Vec<(String, Range<usize>)>) {
+        let mut inner = |key: &dyn fmt::Display, value: &toml::Spanned<DeValue<'_>>| {
+            let path = match path {
+                "" => key.to_string(),
+                _ => format!("{path}.{key}"),
+            };
+            found.push((path.clone(), value.span()));
+            look(&path, value.get_ref(), found);
+        };
+        match value {
+            DeValue::Table(table) => table
+                .iter()
+                .for_each(|(key, value)| inner(key.get_ref(), value)),
+            DeValue::Array(items) => items
+                .iter()
+                .enumerate()
+                .for_each(|(index, value)| inner(&index, value)),
+            _ => {}
+        }
+    }
+    let (document, _) = DeTable::parse_recoverable(text);
+    let mut found = Vec::new();
+    look("", &DeValue::Table(document.into_inner()), &mut found);
+    found
+}
+
 /// Place of the value at `path`, or of the nearest enclosing value that exists.
 fn span_of(text: &str, path: &str) -> Option<Range<usize>> {
-    let document = DeTable::parse(text).ok()?;
-    let mut span = None;
-    let mut table = Some(document.get_ref());
-    let mut array: Option<&toml::de::DeArray<'_>> = None;
-    for key in path.split('.') {
-        let value = match (table, array) {
-            (Some(table), _) => table.get(key),
-            (_, Some(items)) => key.parse::<usize>().ok().and_then(|index| items.get(index)),
-            _ => None,
-        };
-        let Some(value) = value else { break };
-        span = Some(value.span());
-        (table, array) = match value.get_ref() {
-            DeValue::Table(inner) => (Some(inner), None),
-            DeValue::Array(inner) => (None, Some(inner)),
-            _ => (None, None),
-        };
-    }
-    span
+    let mut values = values(text).into_iter();
+    let place = values.rfind(|(known, _)| is_within(path, known));
+    place.map(|(_, span)| span)
 }
 
 /// Keys within each other that a sentence names.
 const MOST_KEYS: usize = 6;
 
-/// The key of the value that stands at a place in the text, with the keys around it.
+/// The key of the value that stands at a place in the text, with the keys around it. A table that has a header of its own does not enclose its values in
+/// the text.
 fn key_at(text: &str, place: &Range<usize>) -> Option<String> {
-    /// Looks into each value: a table that has a header of its own does not enclose its values in the text.
-    fn look(value: &DeValue<'_>, place: &Range<usize>) -> Option<String> {
-        let inner =
-            |name: String, value: &toml::Spanned<DeValue<'_>>| match look(value.get_ref(), place) {
-                Some(below) => Some(format!("{name}.{below}")),
-                None => (value.span().start <= place.start && place.end <= value.span().end)
-                    .then_some(name),
-            };
-        match value {
-            DeValue::Table(table) => table
-                .iter()
-                .find_map(|(key, value)| inner(key.get_ref().to_string(), value)),
-            DeValue::Array(items) => items
-                .iter()
-                .enumerate()
-                .find_map(|(index, value)| inner(index.to_string(), value)),
-            _ => None,
-        }
-    }
-    // As far as it can be read: the text itself may be the defect.
-    let (document, _) = DeTable::parse_recoverable(text);
-    let key = look(&DeValue::Table(document.into_inner()), place)?;
+    let mut values = values(text).into_iter();
+    let encloses = |span: &Range<usize>| span.start <= place.start && place.end <= span.end;
+    let (mut key, _) = values.rfind(|(_, span)| encloses(span))?;
     // Of values within each other the first few tell which it is.
-    Some(
-        key.match_indices('.')
-            .nth(MOST_KEYS - 1)
-            .map_or(key.clone(), |(end, _)| key[..end].to_owned()),
-    )
+    if let Some((end, _)) = key.match_indices('.').nth(MOST_KEYS - 1) {
+        key.truncate(end);
+    }
+    Some(key)
+}
+
+/// Whether a path leads to a value or into it.
+fn is_within(inner: &str, outer: &str) -> bool {
+    let rest = inner.strip_prefix(outer);
+    rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
 }
 
 #[cfg(test)]

@@ -33,7 +33,7 @@ pub use crate::process::{MAX_PROCESSES, Process, Program, Restart, Role};
 pub use built_in::{BUILT_IN, PRESSING, STEERED, STEERED_PRESSING};
 pub use topology::Graph;
 
-use built_in::{BUILT_IN_NAME, EVERYTHING, PRESSING_NAME, STEERED_NAME, STEERED_PRESSING_NAME};
+use built_in::{EVERYTHING, NAMED};
 
 impl Graph {
     /// The built-in graph, of a steered run with an operator.
@@ -41,12 +41,7 @@ impl Graph {
     /// # Errors
     /// See [`Graph::parse`].
     pub fn built_in(is_steered: bool) -> Result<Self, InvalidFile> {
-        let (name, text) = if is_steered {
-            ("servo.toml", STEERED)
-        } else {
-            ("graph.toml", BUILT_IN)
-        };
-        Self::parse(name, text)
+        Self::parse("graph.toml", if is_steered { STEERED } else { BUILT_IN })
     }
 
     /// The built-in graph for a scenario: with an operator where it is steered, with a sensor at the wrist where it controls a force by one.
@@ -56,8 +51,8 @@ impl Graph {
     pub fn of(scenario: &Scenario) -> Result<Self, InvalidFile> {
         let is_steered = scenario.servo.is_some();
         match (scenario.has_wrist_sensor(), is_steered) {
-            (true, true) => Self::parse("servo-force.toml", STEERED_PRESSING),
-            (true, false) => Self::parse("force.toml", PRESSING),
+            (true, true) => Self::parse("graph.toml", STEERED_PRESSING),
+            (true, false) => Self::parse("graph.toml", PRESSING),
             _ => Self::built_in(is_steered),
         }
     }
@@ -69,26 +64,17 @@ impl Graph {
     /// no process that makes the ticks; a process of ours without a topic it needs; a message with padding.
     pub fn parse(file: &str, text: &str) -> Result<Self, InvalidFile> {
         let mut graph: Self = crate::file::parse(file, text, &[])?;
-        let layers: &[&str] = match graph.extends.as_str() {
-            "" => &[],
-            BUILT_IN_NAME => &[BUILT_IN],
-            PRESSING_NAME => &[PRESSING, BUILT_IN],
-            STEERED_NAME => &[STEERED, BUILT_IN],
-            STEERED_PRESSING_NAME => &[STEERED_PRESSING, PRESSING, BUILT_IN],
-            other => {
-                let message = format!("there is no graph `{other}` to extend");
-                return Err(Complaint::new(
-                    "extends",
-                    message,
-                    format!(
-                        "extends = \"{BUILT_IN_NAME}\", \"{STEERED_NAME}\", \"{PRESSING_NAME}\" or \"{STEERED_PRESSING_NAME}\""
-                    ),
-                )
-                .locate(file, text));
-            }
-        };
-        let extended = layers.iter().map(|layer| graph.extend(layer));
-        let before = extended.sum::<Result<usize, _>>()?;
+        let mut before = 0;
+        while !graph.extends.is_empty() {
+            let known = NAMED.iter().find(|(name, _)| *name == graph.extends);
+            let (_, base) = known.ok_or_else(|| {
+                let message = format!("there is no graph `{}` to extend", graph.extends);
+                let [a, b, c, d] = NAMED.map(|(name, _)| name);
+                let remedy = format!("extends = \"{a}\", \"{b}\", \"{c}\" or \"{d}\"");
+                Complaint::new("extends", message, remedy).locate(file, text)
+            })?;
+            before += graph.extend(base)?;
+        }
         graph.read_everything();
         let located = |complaint: Complaint| {
             Complaint {
@@ -110,48 +96,38 @@ impl Graph {
         let before = base.process.len();
         base.process.append(&mut self.process);
         self.process = base.process;
-        self.extends.clear();
+        self.extends = base.extends;
         Ok(before)
     }
 
     /// Replaces `*` among the topics read.
     fn read_everything(&mut self) {
-        let listed = TOPICS.iter().map(|topic| (*topic).to_owned());
-        let all: Vec<String> = listed
-            .chain(self.topic.iter().map(|topic| topic.name.clone()))
-            .collect();
+        let declared = self.topic.iter().map(|topic| &*topic.name);
+        let all = TOPICS.into_iter().chain(declared);
         let written: Vec<String> = all
-            .into_iter()
             .filter(|topic| self.writer(topic).is_some())
+            .map(str::to_owned)
             .collect();
-        for process in self
-            .process
-            .iter_mut()
-            .filter(|process| process.reads.iter().any(|topic| topic == EVERYTHING))
-        {
-            process.reads = written
-                .iter()
-                .filter(|topic| !process.writes.contains(topic))
-                .cloned()
-                .collect();
+        for process in &mut self.process {
+            if process.reads.iter().any(|topic| topic == EVERYTHING) {
+                let of_others = |topic: &&String| !process.writes.contains(topic);
+                process.reads = written.iter().filter(of_others).cloned().collect();
+            }
         }
     }
 }
 
 /// A path in a graph that `before` processes were put before, as a path in its file.
 fn place_in_file(path: &str, before: usize) -> String {
-    let inner = path
-        .strip_prefix("process.")
-        .and_then(|rest| rest.split_once('.').or(Some((rest, ""))));
-    let Some((index, rest)) =
-        inner.and_then(|(index, rest)| Some((index.parse::<usize>().ok()?, rest)))
+    let mut keys = path.splitn(3, '.');
+    let (Some("process"), Some(Ok(index))) = (keys.next(), keys.next().map(str::parse::<usize>))
     else {
         return path.to_owned();
     };
     // A process that the file does not have: the file is wrong in that it extends the graph.
     index.checked_sub(before).map_or_else(
         || "extends".to_owned(),
-        |index| format!("process.{index}.{rest}"),
+        |index| format!("process.{index}.{}", keys.next().unwrap_or_default()),
     )
 }
 

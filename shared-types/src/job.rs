@@ -9,30 +9,19 @@ use crate::file::Complaint;
 use crate::graph::Graph;
 use crate::scenario::Scenario;
 use crate::summary::FaultSummary;
+use crate::words::words;
 
 /// Name of the file of a job in a run's directory and in its results folder.
 pub const JOB: &str = "job.json";
 
-/// How time passes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Mode {
-    /// Tick by tick as fast as the machine allows; every process works on exactly tick k, and the same scenario gives the same bytes.
-    #[default]
-    Lockstep,
-    /// On absolute deadlines of a fixed grid; the newest message is used, and late ones are
-    /// counted.
-    Realtime,
-}
-
-impl Mode {
-    /// As written in files.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Lockstep => "lockstep",
-            Self::Realtime => "realtime",
-        }
+words! {
+    /// How time passes.
+    Mode {
+        /// Tick by tick as fast as the machine allows; every process works on exactly tick k, and the same scenario gives the same bytes.
+        Lockstep "lockstep",
+        /// On absolute deadlines of a fixed grid; the newest message is used, and late ones are
+        /// counted.
+        Realtime "realtime",
     }
 }
 
@@ -76,7 +65,7 @@ pub struct Job {
     /// In which processes.
     pub graph: Graph,
     /// The run that it goes on from; `None`: it begins with tick 0.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub from: Option<Branch>,
     /// Deaths before this start of its processes, for a launcher that goes on after the death of this one.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]

@@ -42,6 +42,7 @@ pub mod target_file;
 pub mod task_end;
 pub mod topics;
 pub mod wire;
+mod words;
 
 pub use checkpoints::{AnalyzerCheckpoint, ControllerCheckpoint, EstimatorCheckpoint};
 pub use messages::{
@@ -49,10 +50,15 @@ pub use messages::{
     StateEstimate, Target, TargetContent, TorqueCommand, WristForce,
 };
 pub use topics::{ByTopic, Topic};
-pub use wire::{Checkpoint, Header, Layout, Message, Stamps};
+pub use wire::{Header, Layout, Message, Stamps};
 
 /// Most joints an arm may have on the wire; arrays of joints have this length and are zero beyond the arm's own.
 pub const MAX_DOF: usize = 8;
 
 /// Most singularities reported at once.
 pub const MAX_SINGULARITIES: usize = 4;
+
+/// Whether a value is the one that a file may leave out.
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}

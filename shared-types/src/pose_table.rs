@@ -62,14 +62,12 @@ pub fn parse(text: &str) -> Result<Vec<Row>, InvalidRow> {
         let mut row = row(text, line, &order).or_else(|message| invalid(line, message))?;
         if let Some(last) = rows.last() {
             if row.t_s <= last.t_s {
-                let (word, t_s) = (
-                    if row.t_s == last.t_s {
-                        "repeats"
-                    } else {
-                        "goes back to"
-                    },
-                    row.t_s,
-                );
+                let word = if row.t_s == last.t_s {
+                    "repeats"
+                } else {
+                    "goes back to"
+                };
+                let t_s = row.t_s;
                 return invalid(
                     line,
                     format!(
@@ -148,7 +146,8 @@ fn columns(head: &str) -> Result<[usize; 8], String> {
 }
 
 fn row(text: &str, line: usize, order: &[usize; 8]) -> Result<Row, String> {
-    let (mut values, mut count) = ([0.0; 8], 0);
+    let mut values = [0.0; 8];
+    let mut count = 0;
     for field in fields(text) {
         let value: f64 = field
             .parse()
@@ -201,7 +200,8 @@ fn steady(rows: &[Row]) -> Result<(), InvalidRow> {
     let speeds: Vec<[f64; 2]> = rows
         .windows(2)
         .map(|pair| {
-            let (a, b) = (&pair[0], &pair[1]);
+            let a = &pair[0];
+            let b = &pair[1];
             let moved = norm(&mut (0..3).map(|i| b.p_m[i] - a.p_m[i]));
             // Twice the chord of quaternions is the angle, for small ones.
             let turned = 2.0 * norm(&mut (0..4).map(|i| b.quaternion[i] - a.quaternion[i]));

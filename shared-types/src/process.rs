@@ -27,17 +27,17 @@ pub struct Process {
     pub command: Vec<String>,
     /// You start the program yourself, without `command`: the run prints the environment that it
     /// needs, and waits.
-    #[serde(default, skip_serializing_if = "is_false")]
+    #[serde(default, skip_serializing_if = "crate::is_default")]
     pub external: bool,
     /// Address of a real arm instead of the simulated one, `fci://HOST` (docs/franka.md). Only for
     /// the process with `feedback`, in real time. `armplane run --plant` sets it.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub robot: String,
     /// Longest time for a tick in a program that uses `libarmplane-process`; s. 0: 10 s.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default, skip_serializing_if = "crate::is_default")]
     pub answer_limit_s: u32,
     /// Longest time from the start until your program joins; s. 0: 60 s, or 600 s if `external`.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default, skip_serializing_if = "crate::is_default")]
     pub join_limit_s: u32,
     /// Topics that it reads at each tick; `"*"`: all that others write.
     #[serde(default)]
@@ -59,14 +59,6 @@ pub struct Process {
     /// What the launcher does if the process ends unasked.
     #[serde(default)]
     pub restart: Restart,
-}
-
-fn is_false(value: &bool) -> bool {
-    !value
-}
-
-fn is_zero(value: &u32) -> bool {
-    *value == 0
 }
 
 /// What the launcher does if a process ends unasked.
@@ -189,17 +181,6 @@ impl Program {
         Self::Controller,
         Self::Recorder,
     ];
-
-    /// Their names, in the same order.
-    pub const NAMES: [&'static str; Self::ALL.len()] = {
-        let mut names = [""; Self::ALL.len()];
-        let mut place = 0;
-        while place < names.len() {
-            names[place] = Self::ALL[place].name();
-            place += 1;
-        }
-        names
-    };
 
     /// The name of its process in a graph, and its subcommand.
     #[must_use]

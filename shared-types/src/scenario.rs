@@ -30,7 +30,7 @@ mod task;
 use serde::{Deserialize, Serialize};
 
 use crate::fault::{Fault, ScheduledFault};
-use crate::file::{Complaint, InvalidFile, require, within};
+use crate::file::{Complaint, InvalidFile, each, key_within, require, within};
 use crate::graph::Graph;
 use crate::topics::{PRESSING, STEERED};
 
@@ -81,13 +81,13 @@ pub struct Scenario {
     #[serde(default)]
     pub segment: Vec<Segment>,
     /// A steered run: the arm follows targets instead of segments.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub servo: Option<Servo>,
     /// Time to hold the last pose before the end is judged; s.
     #[serde(default = "settle_s")]
     pub settle_s: f64,
     /// How the base stands, and what the hand carries.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub mount: Option<Mount>,
     /// The simulated arm and its surroundings.
     #[serde(default)]
@@ -222,17 +222,12 @@ impl Scenario {
             format!("`{}` cannot be a name", self.name),
             "letters, digits, `-`, `_` and `.`",
         )?;
-        let (rate_hz, settle_s) = (self.rate_hz, self.settle_s);
+        let rate_hz = self.rate_hz;
         let message = format!("rate {rate_hz} Hz is out of range");
         within("rate_hz", f64::from(rate_hz), 50.0..=20_000.0, message)?;
-        within(
-            "settle_s",
-            settle_s,
-            0.0..=600.0,
-            format!("`settle_s` is {settle_s}"),
-        )?;
+        key_within("", "settle_s", self.settle_s, 0.0..=600.0)?;
         self.start.check()?;
-        self.servo.as_ref().map_or(Ok(()), Servo::check)?;
+        self.servo.iter().try_for_each(Servo::check)?;
         let has_segments = !self.segment.is_empty();
         require(
             !(self.servo.is_some() && has_segments),
@@ -252,26 +247,25 @@ impl Scenario {
             format!("the task has {} segments", self.segment.len()),
             format!("{MOST_SEGMENTS} at most"),
         )?;
-        let mut segments = self.segment.iter().enumerate();
-        segments.try_for_each(|(i, segment)| segment.check(i, &self.plant))?;
+        each("segment", &self.segment, |_, one| one.check(&self.plant))?;
         require(
             self.duration_s() <= 36_000.0,
             "segment",
             format!("the task takes {} s", self.duration_s()),
             "10 hours at most",
         )?;
-        let (has_frame, has_floor) = (!self.frame.is_empty(), self.plant.floor_m.is_some());
-        let mount = self.mount.as_ref();
-        mount.map_or(Ok(()), |mount| mount.check(has_frame, has_floor))?;
+        let has_frame = !self.frame.is_empty();
+        let has_floor = self.plant.floor_m.is_some();
+        let mut mount = self.mount.iter();
+        mount.try_for_each(|mount| mount.check(has_frame, has_floor))?;
         self.plant.check()?;
         self.estimator.check()?;
         self.analysis.check()?;
         self.control.check()?;
         self.goal.check()?;
-        let mut faults = self.fault.iter().enumerate();
-        faults.try_for_each(|(i, fault)| {
-            let check = fault.check_time().and_then(|()| fault.check(self.rate_hz));
-            check.map_err(|complaint| complaint.within(&format!("fault.{i}")))
+        each("fault", &self.fault, |_, fault| {
+            fault.check_time()?;
+            fault.check(self.rate_hz)
         })
     }
 
@@ -362,15 +356,6 @@ mod tests {
             let text = TEXT.replacen(right, wrong, 1);
             let error = Scenario::parse("a.toml", &text, &[]).unwrap_err();
             assert_eq!(error.line(), Some(line), "{error}");
-        }
-    }
-
-    #[test]
-    fn a_law_is_called_what_its_file_says() {
-        for strategy in Strategy::ALL {
-            let set = [format!("control.strategy={:?}", strategy.name())];
-            let named = Scenario::parse("a.toml", TEXT, &set).unwrap();
-            assert_eq!(named.control.strategy, strategy);
         }
     }
 

@@ -53,13 +53,13 @@ pub struct Summary {
     /// Changes of mode, in order.
     pub modes: Vec<ModeChange>,
     /// A steered run: how the arm followed its targets.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub servo: Option<ServoSummary>,
     /// Faults and refusals, in order.
     pub faults: Vec<FaultSummary>,
     /// Ticks with torque in time, late, or without. Absent in lockstep, and in a recovered run that
     /// lost some of these ticks.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub deadlines: Option<Deadlines>,
     /// Latency of each hop, and of the `chain` from sensor sample to received torque; µs. In real
     /// time, `chain` and `plant` count from the tick's due time, and include ticks that never began
@@ -96,7 +96,7 @@ pub struct RunOf {
     /// Control rate; Hz.
     pub rate_hz: u32,
     /// The run that it goes on from.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub from: Option<Branch>,
 }
 
@@ -174,10 +174,10 @@ pub struct ForceSummary {
     pub borne_max: f64,
     /// Root mean square of the error of the moments together, moving, of the segment in which it is
     /// largest; N·m. None: no moment is controlled.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub moment_rms_nm: Option<f64>,
     /// Largest such error; N·m.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub moment_max_nm: Option<f64>,
 }
 
@@ -220,7 +220,7 @@ pub struct TaskSummary {
     #[serde(default)]
     pub contact_max_n: f64,
     /// Segments with a force: how the hand kept it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub force: Option<ForceSummary>,
     /// Success by the strict bar S1: within 1 mm and 0.5° at the end and orthogonal to ζ, and no
     /// limit broken.

@@ -53,18 +53,13 @@ pub struct Row {
 }
 
 /// A line that is no target.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("line {line}: {message}")]
 pub struct InvalidRow {
     /// The line, from 1.
     pub line: usize,
     /// The defect, and the remedy.
     pub message: String,
-}
-
-impl std::fmt::Display for InvalidRow {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "line {}: {}", self.line, self.message)
-    }
 }
 
 impl InvalidRow {
@@ -225,13 +220,11 @@ fn numbered(text: &str, rate_hz: u32) -> Result<Vec<(usize, Row)>, InvalidRow> {
         }
         rows.push((number, row));
     }
-    match rows.is_empty() {
-        true => Err(invalid(
-            1,
-            "there is no target: add a line such as `0, twist, base, 1, 0.01 0 0 0 0 0`".to_owned(),
-        )),
-        false => Ok(rows),
+    if rows.is_empty() {
+        let message = "there is no target: add a line such as `0, twist, base, 1, 0.01 0 0 0 0 0`";
+        return Err(invalid(1, message.to_owned()));
     }
+    Ok(rows)
 }
 
 fn miscounted(kind: u32, count: usize) -> String {
@@ -269,7 +262,8 @@ fn content(line: &str, per_metre: f64, tick: u64, rate_hz: u32) -> Result<Target
         Err(_) => code(frame, FRAMES, "frame")?,
     };
     target.valid_s = number(next().unwrap_or_default(), "valid_s")?;
-    let (mut values, mut count) = ([0.0; 13], 0);
+    let mut values = [0.0; 13];
+    let mut count = 0;
     for text in next().unwrap_or_default().split_whitespace() {
         *values.get_mut(count).ok_or("more than 13 values")? = number(text, "a value")?;
         count += 1;
@@ -361,20 +355,21 @@ pub fn write(rows: &[Row], rate_hz: u32) -> String {
                     target.kind
                 };
                 let values: Vec<String> = values.iter().map(f64::to_string).collect();
-                let (kind, side) = (name_of(TARGETS, kind), name_of(SIDES, target.side));
+                let kind = name_of(TARGETS, kind);
+                let side = name_of(SIDES, target.side);
                 let head = format!(
                     "{}, {kind}, {frame}, {}, {}",
                     seconds(*tick),
                     target.valid_s,
                     values.join(" ")
                 );
-                let (given, [x, y, z]) = (seconds(target.given_tick), target.force);
-                match target.force == [0.0; 3] {
-                    true => format!("{head}, {side}, {given}"),
-                    false => {
-                        let frame = name_of(FRAMES, target.force_frame);
-                        format!("{head}, {side}, {given}, {frame} {x} {y} {z}")
-                    }
+                let given = seconds(target.given_tick);
+                let [x, y, z] = target.force;
+                if target.force == [0.0; 3] {
+                    format!("{head}, {side}, {given}")
+                } else {
+                    let frame = name_of(FRAMES, target.force_frame);
+                    format!("{head}, {side}, {given}, {frame} {x} {y} {z}")
                 }
             }
         };
@@ -407,13 +402,13 @@ fn number(text: &str, what: &str) -> Result<f64, String> {
 
 fn ticks(text: &str, rate_hz: u32) -> Result<u64, String> {
     let time: f64 = number(text.trim(), "a time in s")?;
-    match (0.0..=LATEST_S).contains(&time) {
-        true => Ok((time * f64::from(rate_hz)).round() as u64),
-        false => Err(format!(
-            "the time {} s is out of range: 0 to {LATEST_S}",
-            text.trim()
-        )),
+    if (0.0..=LATEST_S).contains(&time) {
+        return Ok((time * f64::from(rate_hz)).round() as u64);
     }
+    let time = text.trim();
+    Err(format!(
+        "the time {time} s is out of range: 0 to {LATEST_S}"
+    ))
 }
 
 #[cfg(test)]
@@ -448,7 +443,8 @@ mod tests {
                 .map(|target| target.ok().map(|target| target.twist[0]))
                 .collect()
         };
-        let (metres, unknown) = (format!("{HEAD}m"), format!("{HEAD}cm"));
+        let metres = format!("{HEAD}m");
+        let unknown = format!("{HEAD}cm");
         assert_eq!(speeds(line), [Some(5.0)]);
         let text = format!("\u{feff}{HEAD}mm\n# a comment\n\n{line}\n{metres}\n{line}\n");
         assert_eq!(speeds(&text), [Some(0.005), Some(5.0)]);

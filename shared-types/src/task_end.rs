@@ -48,7 +48,8 @@ impl TaskEnd {
 
     /// Goes on from what [`saved`](Self::saved) has given.
     pub fn resume(&mut self, phase: u32, refused_ticks: u64) {
-        (self.phase, self.refused_ticks) = (phase, refused_ticks);
+        self.phase = phase;
+        self.refused_ticks = refused_ticks;
     }
 
     /// Takes in the phase of a tick's command, one of `codes::PHASES`; `None`: none came, and the

@@ -3,9 +3,9 @@
 //!
 //! A new topic is a message in [`messages`](crate::messages) and one line in [`for_each_topic`]; the graph names the process that writes it.
 
-use std::fmt::Debug;
 use std::marker::PhantomData;
 
+use crate::layout::MessageLayout;
 use crate::messages::{
     ControlState, PlantState, SensorSample, ServoState, SingularityReport, StateEstimate, Target,
     TorqueCommand, WristForce,
@@ -40,34 +40,9 @@ macro_rules! derive {
         $( const _: () = assert!(is_same($message::TOPIC, stringify!($topic)), "the list and the message disagree on the topic's name"); )*
 
         /// Something of each topic: a message, its hash, its file, its place in a buffer.
+        #[derive(Clone, Copy, Debug, Default, PartialEq)]
         pub struct ByTopic<F: Family> {
             $( #[doc = concat!("Of topic `", stringify!($topic), "`: [`", stringify!($message), "`].")] pub $topic: F::Of<$message> ),*
-        }
-
-        impl<F: Family> Default for ByTopic<F> where $( F::Of<$message>: Default ),* {
-            fn default() -> Self {
-                Self { $( $topic: Default::default() ),* }
-            }
-        }
-
-        impl<F: Family> Clone for ByTopic<F> where $( F::Of<$message>: Clone ),* {
-            fn clone(&self) -> Self {
-                Self { $( $topic: self.$topic.clone() ),* }
-            }
-        }
-
-        impl<F: Family> Copy for ByTopic<F> where $( F::Of<$message>: Copy ),* {}
-
-        impl<F: Family> Debug for ByTopic<F> where $( F::Of<$message>: Debug ),* {
-            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-                f.debug_struct("ByTopic")$( .field(stringify!($topic), &self.$topic) )*.finish()
-            }
-        }
-
-        impl<F: Family> PartialEq for ByTopic<F> where $( F::Of<$message>: PartialEq ),* {
-            fn eq(&self, other: &Self) -> bool {
-                true $( && self.$topic == other.$topic )*
-            }
         }
 
         impl ByTopic<Whole> {
@@ -206,7 +181,8 @@ pub const CHAIN: [&str; 4] = [
 pub const MAX_TOPICS: usize = 29;
 
 const fn is_same(a: &str, b: &str) -> bool {
-    let (a, b) = (a.as_bytes(), b.as_bytes());
+    let a = a.as_bytes();
+    let b = b.as_bytes();
     let mut i = 0;
     while i < a.len() && i < b.len() && a[i] == b[i] {
         i += 1;
@@ -224,7 +200,7 @@ const fn place(topic: &str) -> usize {
 }
 
 /// The messages themselves.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Whole;
 
 impl Family for Whole {
@@ -232,7 +208,7 @@ impl Family for Whole {
 }
 
 /// The messages that have come so far.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Received;
 
 impl Family for Received {
@@ -240,7 +216,7 @@ impl Family for Received {
 }
 
 /// References to messages, where there are some.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Lent<'a>(PhantomData<&'a ()>);
 
 impl<'a> Family for Lent<'a> {
@@ -250,34 +226,7 @@ impl<'a> Family for Lent<'a> {
 /// Hash over the layouts of all messages. A reader requires it of a writer before it opens a topic.
 #[must_use]
 pub fn wire_hash() -> u64 {
-    struct Hash;
-    impl Each for Hash {
-        type Output = u64;
-        fn each<M: Topic>(&mut self) -> u64 {
-            M::layout_hash()
-        }
-    }
-    each(&mut Hash)
-        .iter()
-        .fold(0, |hash: u64, layout| hash.rotate_left(7) ^ layout)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_message_knows_its_place() {
-        struct Check;
-        impl Each for Check {
-            type Output = usize;
-            fn each<M: Topic>(&mut self) -> usize {
-                assert_eq!(TOPICS[M::INDEX], M::TOPIC);
-                size_of::<M>()
-            }
-        }
-        let all = each(&mut Check).map(Some);
-        assert_eq!(TOPICS.map(|topic| named(topic, &mut Check)), all);
-        assert_eq!(named("weather", &mut Check), None);
-    }
+    let layouts = MessageLayout::all();
+    let hashes = layouts.iter().map(|layout| layout.hash);
+    hashes.fold(0, |hash: u64, layout| hash.rotate_left(7) ^ layout)
 }

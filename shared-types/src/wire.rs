@@ -85,15 +85,10 @@ impl Field {
         size: usize,
         about: &'static str,
     ) -> Self {
-        let (name, type_name, element) = (
-            Cow::Borrowed(name),
-            Cow::Borrowed(type_name),
-            Cow::Borrowed(element),
-        );
         Self {
-            name,
-            type_name,
-            element,
+            name: Cow::Borrowed(name),
+            type_name: Cow::Borrowed(type_name),
+            element: Cow::Borrowed(element),
             offset,
             size,
             about: Cow::Borrowed(about.trim_ascii()),
@@ -111,10 +106,6 @@ impl Field {
 pub trait Layout: Part + Pod + Send + Sync + std::fmt::Debug {
     /// The versioned type name that other languages see too: a layout that changes takes the next version (a test holds to that).
     const TYPE_NAME: &'static str;
-    /// The layout, in order.
-    const FIELDS: &'static [Field];
-    /// A sentence or two on it.
-    const ABOUT: &'static str;
 
     /// A hash of name, size, alignment and every field: two builds that agree on it agree on every byte.
     fn layout_hash() -> u64 {
@@ -141,18 +132,19 @@ pub trait Message: Layout {
     fn header_mut(&mut self) -> &mut Header;
 }
 
-/// The state that a replacement takes over.
-///
-/// The process fills it at every tick, the runtime keeps it in the run's shared memory beyond the process's death, and no message carries it.
-/// All zeros is no state: the runtime tells a replacement whether there is a checkpoint.
-pub trait Checkpoint: Layout {}
-
 /// Anything a message is made of: numbers, arrays of them, structures of those.
 pub trait Part {
     /// The type of its elements.
     const ELEMENT: &'static str;
+    /// The fields of a structure, in order.
+    const FIELDS: &'static [Field] = &[];
+    /// A sentence or two on a structure.
+    const ABOUT: &'static str = "";
     /// Whether every `f64` inside is finite: the check at the edge that keeps a NaN from leaving a process.
-    fn is_finite(&self) -> bool;
+    #[inline]
+    fn is_finite(&self) -> bool {
+        true
+    }
     /// Adds what the field's written type does not tell (the inside of nested structures) to a layout hash.
     fn hash_parts(_hash: &mut Fnv) {}
 }
@@ -167,49 +159,17 @@ impl Part for f64 {
 }
 impl Part for u32 {
     const ELEMENT: &'static str = "u32";
-    #[inline]
-    fn is_finite(&self) -> bool {
-        true
-    }
 }
 impl Part for u8 {
     const ELEMENT: &'static str = "u8";
-    #[inline]
-    fn is_finite(&self) -> bool {
-        true
-    }
 }
 impl Part for u64 {
     const ELEMENT: &'static str = "u64";
-    #[inline]
-    fn is_finite(&self) -> bool {
-        true
-    }
 }
 impl Part for Header {
     const ELEMENT: &'static str = "Header";
-    #[inline]
-    fn is_finite(&self) -> bool {
-        true
-    }
-    fn hash_parts(hash: &mut Fnv) {
-        for Field {
-            name,
-            element,
-            size,
-            ..
-        } in Self::LAYOUT
-        {
-            hash.text(name);
-            hash.text(element);
-            hash.number(*size);
-        }
-    }
-}
-
-impl Header {
-    /// The layout, in order, the stamps looked into.
-    pub const LAYOUT: &'static [Field] = &[
+    /// The stamps looked into.
+    const FIELDS: &'static [Field] = &[
         Field::known(
             "received_ns",
             ["[u64; MAX_HOPS]", "u64"],
@@ -253,7 +213,21 @@ impl Header {
             "Bit flags, zero in this version",
         ),
     ];
+    fn hash_parts(hash: &mut Fnv) {
+        for Field {
+            name,
+            element,
+            size,
+            ..
+        } in Self::FIELDS
+        {
+            hash.text(name);
+            hash.text(element);
+            hash.number(*size);
+        }
+    }
 }
+
 const _: () = assert!(
     std::mem::offset_of!(Header, tick) == 136
         && std::mem::offset_of!(Header, flags) == 148
@@ -310,8 +284,8 @@ impl Fnv {
     }
 }
 
-/// Declares a wire structure: with a topic it is a [`Message`] whose first field is its [`Header`], with the word `checkpoint` a [`Checkpoint`],
-/// else a part of one.
+/// Declares a wire structure: with a topic it is a [`Message`] whose first field is its [`Header`], with the word `checkpoint` the state that a
+/// replacement takes over, without a version a part of one. All zeros is no state: the runtime tells a replacement whether there is one.
 ///
 /// Crates that define messages of their own need `bytemuck` (feature `derive`) among their dependencies:
 ///
@@ -333,7 +307,7 @@ impl Fnv {
 macro_rules! wire {
     (
         $( #[doc = $about:literal] )*
-        $name:ident $(on $topic:literal version $version:literal)? $(checkpoint version $checkpoint:literal)? {
+        $name:ident $(on $topic:literal)? $(checkpoint)? $(version $version:literal)? {
             $( $( #[doc = $doc:literal] )* $field:ident : $type:ty ),* $(,)?
         }
     ) => {
@@ -347,25 +321,18 @@ macro_rules! wire {
             fn default() -> Self { bytemuck::Zeroable::zeroed() }
         }
 
-        #[allow(unreachable_pub, reason = "as above")]
-        impl $name {
-            /// A sentence or two on it.
-            pub const DESCRIPTION: &'static str = concat!($( $about ),*).trim_ascii();
-
-            /// The layout, in order.
-            pub const LAYOUT: &'static [$crate::wire::Field] = &[
+        impl $crate::wire::Part for $name {
+            const ELEMENT: &'static str = stringify!($name);
+            const FIELDS: &'static [$crate::wire::Field] = &[
                 $( $crate::wire::Field::known(
                     stringify!($field),
                     [stringify!($type), <$type as $crate::wire::Part>::ELEMENT],
                     std::mem::offset_of!($name, $field),
-                    $crate::wire::size_of_field(|whole: &$name| &whole.$field),
+                    size_of::<$type>(),
                     concat!($( $doc ),*),
                 ) ),*
             ];
-        }
-
-        impl $crate::wire::Part for $name {
-            const ELEMENT: &'static str = stringify!($name);
+            const ABOUT: &'static str = concat!($( $about ),*).trim_ascii();
             #[inline]
             fn is_finite(&self) -> bool { true $( & $crate::wire::Part::is_finite(&self.$field) )* }
             fn hash_parts(hash: &mut $crate::wire::Fnv) {
@@ -379,31 +346,17 @@ macro_rules! wire {
 
         $( impl $crate::wire::Layout for $name {
             const TYPE_NAME: &'static str = concat!("armplane.", stringify!($name), ".v", $version);
-            const FIELDS: &'static [$crate::wire::Field] = Self::LAYOUT;
-            const ABOUT: &'static str = Self::DESCRIPTION;
         }
-        impl $crate::wire::Message for $name {
+        const _: () = assert!(align_of::<$name>() == 8); )?
+
+        $( impl $crate::wire::Message for $name {
             const TOPIC: &'static str = $topic;
             #[inline]
             fn header(&self) -> &$crate::wire::Header { &self.header }
             #[inline]
             fn header_mut(&mut self) -> &mut $crate::wire::Header { &mut self.header }
         }
-        const _: () = assert!(std::mem::offset_of!($name, header) == 0 && align_of::<$name>() == 8); )?
-
-        $( impl $crate::wire::Layout for $name {
-            const TYPE_NAME: &'static str = concat!("armplane.", stringify!($name), ".v", $checkpoint);
-            const FIELDS: &'static [$crate::wire::Field] = Self::LAYOUT;
-            const ABOUT: &'static str = Self::DESCRIPTION;
-        }
-        impl $crate::wire::Checkpoint for $name {}
-        const _: () = assert!(align_of::<$name>() == 8); )?
+        const _: () = assert!(std::mem::offset_of!($name, header) == 0); )?
     };
 }
 pub use wire;
-
-/// The size of a field, from a projection onto it.
-#[must_use]
-pub const fn size_of_field<Whole, Part>(_projection: fn(&Whole) -> &Part) -> usize {
-    size_of::<Part>()
-}

@@ -8,7 +8,7 @@ use shared_types::codes;
 use shared_types::graph::Graph;
 use shared_types::layout::structure;
 use shared_types::topics::{self, Each, Topic, wire_hash};
-use shared_types::wire::{Field, MAX_HOPS};
+use shared_types::wire::{Field, MAX_HOPS, Part};
 use shared_types::{MAX_DOF, MAX_SINGULARITIES, SingularityState, TargetContent};
 
 /// The module `armplane/wire.py` of the Python package: `ctypes` structures, which also make `numpy` views without a copy.
@@ -34,8 +34,8 @@ pub(crate) fn rendered(template: &str) -> Result<String, Error> {
 pub(crate) fn wire() -> Value {
     let parts = [
         ("Header", "The first field of every message."),
-        ("SingularityState", SingularityState::DESCRIPTION),
-        ("TargetContent", TargetContent::DESCRIPTION),
+        ("SingularityState", SingularityState::ABOUT),
+        ("TargetContent", TargetContent::ABOUT),
     ];
     let parts = parts.into_iter().filter_map(|(name, about)| {
         let (fields, bytes) = structure(name)?;

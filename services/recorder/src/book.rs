@@ -121,7 +121,7 @@ impl<'a> Book<'a> {
         let is_error = |error: &String| !error.is_empty();
         let errors = self.lacks.into_iter().chain([self.record.error]);
         let errors: Vec<String> = errors.filter(is_error).collect();
-        let accounts = || self.assembler.accounts().iter().filter(|one| one.is_read());
+        let accounts = || self.assembler.accounts().iter().filter(|one| one.is_read);
         Summary {
             of: self.job.into(),
             topics: accounts()
@@ -134,9 +134,10 @@ impl<'a> Book<'a> {
                 lost,
                 messages: accounts().map(|one| one.hash.count()).sum(),
                 not_drawn: self.assembler.foreign(),
-                file: match self.job.record {
-                    true => MESSAGES.to_owned(),
-                    false => String::new(),
+                file: if self.job.record {
+                    MESSAGES.to_owned()
+                } else {
+                    String::new()
                 },
                 ..RecorderSummary::default()
             },
@@ -152,7 +153,8 @@ impl<'a> Book<'a> {
 /// # Errors
 /// [`ProcessError`] if the messages cannot be read.
 pub fn rebuild(robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
-    let (path, contents) = (job.out.join(MESSAGES), Contents::of(job));
+    let path = job.out.join(MESSAGES);
+    let contents = Contents::of(job);
     let mut book = Book::new(robot, job)?;
     match RecordReader::open(&path, &contents) {
         Ok(mut earlier) => {
@@ -169,9 +171,10 @@ pub fn rebuild(robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
         }
     }
     book.judge_rest(true);
-    match book.lacks.is_empty() {
-        true => book.record.place(),
-        false => book.record.leave(),
+    if book.lacks.is_empty() {
+        book.record.place()
+    } else {
+        book.record.leave()
     }
     book.record.finish();
     let mut summary = book.summary(0);

@@ -139,7 +139,8 @@ fn ros_name(type_name: &str) -> [String; 2] {
 /// The name of a layout as a ROS 2 message, and its definition with those of its structures.
 pub(crate) fn schema(layout: &MessageLayout) -> (String, String) {
     let [package, name] = ros_name(&layout.type_name);
-    let (mut out, mut parts) = (String::new(), Vec::new());
+    let mut out = String::new();
+    let mut parts = Vec::new();
     fields(&package, &layout.fields, &mut out, &mut parts);
     for part in parts {
         let _ = writeln!(out, "{:=<80}\nMSG: {package}/{part}", "");
@@ -151,23 +152,19 @@ pub(crate) fn schema(layout: &MessageLayout) -> (String, String) {
 
 fn fields<'a>(package: &str, layout: &'a [Field], out: &mut String, parts: &mut Vec<&'a str>) {
     for field in layout {
-        let (kind, size) = match &*field.element {
-            "f64" => ("float64".to_owned(), 8),
-            "u64" => ("uint64".to_owned(), 8),
-            "u32" => ("uint32".to_owned(), 4),
-            "u8" => ("uint8".to_owned(), 1),
+        let kind = match &*field.element {
+            "f64" => "float64".to_owned(),
+            "u64" => "uint64".to_owned(),
+            "u32" => "uint32".to_owned(),
+            "u8" => "uint8".to_owned(),
             part => {
                 if !parts.contains(&part) {
                     parts.push(part);
                 }
-                let size = structure(part).map_or(field.size, |(_, size)| size);
-                (format!("{package}/{part}"), size)
+                format!("{package}/{part}")
             }
         };
-        let count = match field.type_name.starts_with('[') {
-            true => format!("[{}]", field.size / size.max(1)),
-            false => String::new(),
-        };
+        let count = field.count().map_or(String::new(), |n| format!("[{n}]"));
         // ROS refuses capitals in the names of fields.
         let name = field.name.to_ascii_lowercase();
         let _ = writeln!(out, "{kind}{count} {name} # {}", field.about);

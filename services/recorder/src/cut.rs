@@ -6,7 +6,7 @@ use runtime::NamedSaved;
 
 use crate::contents::Contents;
 use crate::error::RecordError;
-use crate::event::{CDR, put_text};
+use crate::event::{CDR, bytes, number, put_bytes, put_text, text};
 use crate::reader::{Item, RecordReader};
 
 /// Topic, type and definition of cuts.
@@ -37,34 +37,16 @@ impl Cut {
         out.extend((self.processes.len() as u32).to_le_bytes());
         for (process, saved) in &self.processes {
             put_text(out, process);
-            out.resize(out.len().next_multiple_of(4), 0);
-            out.extend((saved.len() as u32).to_le_bytes());
-            out.extend(saved);
+            put_bytes(out, saved);
         }
     }
 
     /// The cut of a tick from its message; `None` of other bytes.
     pub(crate) fn read(tick: u64, message: &[u8]) -> Option<Self> {
         let mut at = CDR.len();
-        let number = |at: &mut usize| {
-            *at = at.next_multiple_of(4);
-            let bytes = message.get(*at..)?.first_chunk()?;
-            *at += 4;
-            Some(u32::from_le_bytes(*bytes) as usize)
-        };
-        let count = number(&mut at)?;
-        let mut processes = Vec::new();
-        for _ in 0..count {
-            let mut part = || {
-                let length = number(&mut at)?;
-                let part = message.get(at..at.checked_add(length)?)?;
-                at += length;
-                Some(part)
-            };
-            let name = part()?.strip_suffix(&[0])?;
-            let name = std::str::from_utf8(name).ok()?.to_owned();
-            processes.push((name, part()?.to_vec()));
-        }
+        let count = number(message, &mut at)?;
+        let process = |_| Some((text(message, &mut at)?, bytes(message, &mut at)?.to_vec()));
+        let processes = (0..count).map(process).collect::<Option<_>>()?;
         Some(Self { tick, processes })
     }
 
@@ -80,7 +62,8 @@ impl Cut {
         let length = std::fs::metadata(path).map_or(0, |file| file.len());
         let mut tail = TAIL;
         loop {
-            let (mut newest, mut end) = (None, RecordReader::at_end(path, contents, tail)?);
+            let mut newest = None;
+            let mut end = RecordReader::at_end(path, contents, tail)?;
             while let Some(item) = end.as_mut().and_then(RecordReader::next_item) {
                 if let Item::Cut(cut) = item
                     && is_usable(cut.tick)

@@ -17,12 +17,38 @@ pub(crate) const ROBOT: [&str; 3] = ["/robot_description", "std_msgs/msg/String"
 /// CDR, little endian.
 pub(crate) const CDR: [u8; 4] = [0, 1, 0, 0];
 
+/// Appends bytes behind their number to a message of CDR.
+pub(crate) fn put_bytes(out: &mut Vec<u8>, bytes: &[u8]) {
+    out.resize(out.len().next_multiple_of(4), 0);
+    out.extend((bytes.len() as u32).to_le_bytes());
+    out.extend(bytes);
+}
+
 /// Appends a text to a message of CDR.
 pub(crate) fn put_text(out: &mut Vec<u8>, text: &str) {
-    out.resize(out.len().next_multiple_of(4), 0);
-    out.extend((text.len() as u32 + 1).to_le_bytes());
-    out.extend(text.as_bytes());
-    out.push(0);
+    put_bytes(out, &[text.as_bytes(), &[0]].concat());
+}
+
+/// The next number of a message of CDR; `None` where it ends.
+pub(crate) fn number(message: &[u8], at: &mut usize) -> Option<usize> {
+    let from = at.next_multiple_of(4);
+    *at = from + 4;
+    let bytes = message.get(from..)?.first_chunk()?;
+    Some(u32::from_le_bytes(*bytes) as usize)
+}
+
+/// The next bytes behind their number.
+pub(crate) fn bytes<'a>(message: &'a [u8], at: &mut usize) -> Option<&'a [u8]> {
+    let length = number(message, at)?;
+    let from = *at;
+    *at = from.checked_add(length)?;
+    message.get(from..*at)
+}
+
+/// The next text.
+pub(crate) fn text(message: &[u8], at: &mut usize) -> Option<String> {
+    let text = bytes(message, at)?.strip_suffix(&[0])?;
+    std::str::from_utf8(text).ok().map(str::to_owned)
 }
 
 /// An event as a message of CDR; `time_ns`: the time of its tick.
@@ -50,13 +76,7 @@ pub(crate) fn read_event(tick: u64, message: &[u8]) -> Option<Event> {
         _ => Level::Info,
     };
     let mut at = 16;
-    let mut text = || {
-        let length = u32::from_le_bytes(message.get(at..at + 4)?.try_into().ok()?) as usize;
-        let text = message.get(at + 4..)?.get(..length.checked_sub(1)?)?;
-        at = (at + 4 + length).next_multiple_of(4);
-        std::str::from_utf8(text).ok().map(str::to_owned)
-    };
-    let source = match text()?.as_str() {
+    let source = match &*text(message, &mut at)? {
         "judge" => Source::Judge,
         _ => Source::Faults,
     };
@@ -64,7 +84,7 @@ pub(crate) fn read_event(tick: u64, message: &[u8]) -> Option<Event> {
         tick,
         level,
         source,
-        text: text()?,
+        text: text(message, &mut at)?,
     })
 }
 

@@ -30,7 +30,7 @@ pub use bars::Bounds;
 use chatter::Clock;
 use force::{borne, unkept};
 use joints::JointMeter;
-use latency::{Chain, LatencyMeter};
+use latency::LatencyMeter;
 use path::PathMeter;
 use reach::{Beyond, ReachMeter};
 use singularities::SingularityMeter;
@@ -50,7 +50,9 @@ const MOST_EVENTS: usize = 64;
 #[derive(Debug)]
 pub struct Judge {
     truth: Box<dyn GroundTruth>,
-    asked: Wanted,
+    scenario: Scenario,
+    /// A part of the segments' orientations that the judge does not ask for, as a clause.
+    unasked: Option<String>,
     ticks: u64,
     path: PathMeter,
     task: TaskMeter,
@@ -62,19 +64,6 @@ pub struct Judge {
     latency: LatencyMeter,
     events: Vec<(u64, String)>,
     end: Newest,
-}
-
-/// The demands of the scenario.
-#[derive(Debug)]
-struct Wanted {
-    goal: Goal,
-    planned_ticks: f64,
-    rate_hz: f64,
-    k_v: f64,
-    /// Of a steered run: the tick with which the repetition of an interrupted session is over; 0 for none.
-    session_ticks: Option<u64>,
-    /// A part of the segments' orientations that the judge does not ask for, as a clause.
-    unasked: Option<String>,
 }
 
 /// The task at the newest tick, which may be the last.
@@ -101,18 +90,9 @@ impl Judge {
     /// [`Refused`] if the scenario does not fit the robot.
     pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, Refused> {
         let truth = ground_truth(robot, scenario)?;
-        let rate_hz = f64::from(scenario.rate_hz);
-        let asked = Wanted {
-            goal: scenario.goal.clone(),
-            planned_ticks: scenario.planned_ticks() as f64,
-            rate_hz,
-            k_v: scenario.control.k_v,
-            session_ticks: scenario.servo.as_ref().map(|session| session.ticks),
-            unasked: unasked(robot, scenario),
-        };
         Ok(Self {
-            path: PathMeter::new(truth.as_ref(), rate_hz, scenario.settle_s),
-            ..Self::of(truth, Limits::of(robot), asked)
+            unasked: unasked(robot, scenario),
+            ..Self::of(truth, Limits::of(robot), scenario.clone())
         })
     }
 
@@ -126,17 +106,19 @@ impl Judge {
         scenario: &Scenario,
     ) -> Result<Self, Refused> {
         Ok(Self {
-            latency: LatencyMeter::new(Chain::of(graph)),
+            latency: LatencyMeter::new(graph),
             ..Self::new(robot, scenario)?
         })
     }
 
-    /// A judge by this truth, without a path.
-    fn of(truth: Box<dyn GroundTruth>, limits: Limits, asked: Wanted) -> Self {
+    /// A judge by this truth, of a run in the processes of the built-in graph.
+    fn of(truth: Box<dyn GroundTruth>, limits: Limits, scenario: Scenario) -> Self {
+        let graph = Graph::built_in(false).expect("the graph that the program contains is valid");
         Self {
-            path: PathMeter::default(),
+            path: PathMeter::new(truth.as_ref()),
             truth,
-            asked,
+            scenario,
+            unasked: None,
             ticks: 0,
             task: TaskMeter::default(),
             reach: ReachMeter::default(),
@@ -144,18 +126,16 @@ impl Judge {
             singularities: SingularityMeter::default(),
             turns: TurnMeter::default(),
             steered: SteeredMeter::default(),
-            latency: LatencyMeter::new(Chain::default()),
+            latency: LatencyMeter::new(&graph),
             events: Vec::new(),
             end: Newest::default(),
         }
     }
 
     /// The same for a run on a grid in time: a grid point at which no tick began, because the one before took too long, is a sample too.
-    pub fn on_grid(self, period_ns: u64) -> Self {
-        Self {
-            latency: self.latency.on_grid(period_ns),
-            ..self
-        }
+    pub fn on_grid(mut self, period_ns: u64) -> Self {
+        self.latency.period_ns = period_ns;
+        self
     }
 
     /// Takes in the messages of a tick; the error of its true pose. Of a tick that not every process answered only the duration can be judged.
@@ -171,7 +151,8 @@ impl Judge {
     }
 
     fn whole(&mut self, tick: Tick<'_>) -> TaskError {
-        let (events, k) = (&mut self.events, tick.truth.header.tick);
+        let events = &mut self.events;
+        let k = tick.truth.header.tick;
         let mut event = |text: String| {
             if events.len() < MOST_EVENTS {
                 events.push((k, text));
@@ -179,40 +160,30 @@ impl Judge {
         };
         self.truth.analyse(tick.truth, tick.report);
         let truth = self.truth.as_ref();
+        let goal = &self.scenario.goal;
+        let dt_s = self.scenario.dt_s();
         let whole = self
             .path
-            .error(truth, tick.control.path_time_s, tick.truth)
+            .error(truth, tick.control.path_time_s, tick.truth, dt_s)
             .unwrap_or_else(|| against_reference(&tick, self.joints.served()));
         let error = TaskError::split(truth, &whole);
-        let switches = self
-            .singularities
-            .tick(&tick, &error, &self.asked.goal, &mut event);
+        let switches = self.singularities.tick(&tick, &error, goal, &mut event);
         self.turns.tick(&tick, self.joints.count());
         tick.servo
             .into_iter()
             .for_each(|state| self.steered.tick(state));
+        let place = self.path.place();
         let is_beyond = truth.is_beyond(&whole);
         self.task.tick(&error, is_beyond);
-        let bound_mm = beyond_bound(&self.asked.goal);
-        self.reach.tick(
-            error.position[0],
-            is_beyond,
-            self.path.place(),
-            tick.truth,
-            bound_mm,
-        );
-        let place = self.path.place();
-        self.task.touch(
-            &tick,
-            truth,
-            place.as_ref(),
-            &whole,
-            1.0 / self.asked.rate_hz,
-        );
+        // At a fold the path may lie outwards by as much as a route may deviate, and the goal's own bound.
+        let bound_mm = goal.path_mm + goal.position_mm;
+        self.reach
+            .tick(error.position[0], is_beyond, place, tick.truth, bound_mm);
+        self.task.touch(&tick, truth, place.as_ref(), &whole, dt_s);
         let clock = Clock {
             tick: k,
-            rate_hz: self.asked.rate_hz,
-            k_v: self.asked.k_v,
+            rate_hz: f64::from(self.scenario.rate_hz),
+            k_v: self.scenario.control.k_v,
         };
         self.joints.tick(&tick, truth, clock, switches, &mut event);
         self.latency.measure_hops(tick.torque);
@@ -223,8 +194,9 @@ impl Judge {
             );
         }
         self.end.clipped |= tick.control.clipped != 0;
-        self.end.is_at_boundary = is_at_boundary(&error, &self.asked.goal);
-        (self.end.phase, self.end.refusal) = (tick.torque.phase, tick.control.refusal);
+        self.end.is_at_boundary = is_at_boundary(&error, goal);
+        self.end.phase = tick.torque.phase;
+        self.end.refusal = tick.control.refusal;
         if self.end.phase == codes::PHASE_REFUSED {
             let left = self.path.left(self.truth.as_ref(), tick.truth);
             let split = left.map(|left| TaskError::split(self.truth.as_ref(), &left));
@@ -259,46 +231,51 @@ impl Judge {
     /// The findings.
     pub fn verdict(self) -> Verdict {
         let completed = self.end.phase == codes::PHASE_DONE;
-        let breach = self.path.breach(self.truth.as_ref(), completed);
-        let (is_done, stopped) = (breach.is_none(), self.stopped());
-        let (mut along, contact) = (self.task.along(), self.task.clause());
-        let mut task = self.task.finish(self.ticks, self.asked.planned_ticks);
+        let breach = self
+            .path
+            .breach(self.truth.as_ref(), &self.scenario, completed);
+        let goal = &self.scenario.goal;
+        let session = self.scenario.servo.as_ref();
+        let is_done = breach.is_none();
+        let stopped = self.stopped();
+        let mut along = self.task.along();
+        let contact = self.task.clause();
+        let planned_ticks = self.scenario.planned_ticks() as f64;
+        let mut task = self.task.finish(self.ticks, planned_ticks);
         let mut beyond = self.reach.finish(self.truth.as_ref());
         beyond.at_end &= self.end.is_at_boundary;
         // A steered run has no path whose reach could be asked, and its reference leads the hand a little: its end counts.
-        if self.asked.session_ticks.is_some() && !beyond.at_end {
+        if session.is_some() && !beyond.at_end {
             beyond = Beyond::default();
         }
         along[0] = larger(along[0], beyond.within_mm);
-        (task.beyond_max_mm, task.beyond_ticks) = (beyond.most_mm, beyond.ticks);
+        task.beyond_max_mm = beyond.most_mm;
+        task.beyond_ticks = beyond.ticks;
         let (outcome, mut reason) = match (self.end.phase, breach) {
             (codes::PHASE_DONE, Some(breach)) => (MISSED, breach),
             (codes::PHASE_DONE, None) => {
                 let has_broken_a_limit = self.joints.has_broken_a_limit();
-                done(&task, &self.asked.goal, along, beyond, has_broken_a_limit)
+                done(&task, goal, along, beyond, has_broken_a_limit)
             }
             _ => ("stopped", stopped),
         };
         let singularities = &self.singularities;
-        let is_orthogonal_missed = completed && !is_orthogonal_kept(&task, &self.asked.goal);
+        let is_orthogonal_missed = completed && !is_orthogonal_kept(&task, goal);
         let is_braked = self.joints.is_braked();
         task.causes = causes(singularities, is_orthogonal_missed, beyond, is_braked);
         let clauses = singularities.clauses().chain(singularities.ends());
-        let others = self
-            .joints
-            .clauses()
-            .chain(contact)
-            .chain(self.asked.unasked);
-        let is_path_reached = outcome == REACHED && self.asked.session_ticks.is_none();
-        let strayed = is_path_reached.then(|| strayed(&task, &self.asked.goal));
+        let others = self.joints.clauses().chain(contact).chain(self.unasked);
+        let is_path_reached = outcome == REACHED && session.is_none();
+        let strayed = is_path_reached.then(|| strayed(&task, goal));
         for clause in strayed.into_iter().flatten().chain(clauses).chain(others) {
             reason.push_str("; ");
             reason.push_str(&clause);
         }
         let (singularities, modes) = self.singularities.finish();
         let joints = self.joints.finish();
-        let is_over = completed || self.ticks > 0 && self.asked.session_ticks == Some(self.ticks);
-        let dt_s = 1.0 / self.asked.rate_hz;
+        let has_session_ended = session.is_some_and(|session| session.ticks == self.ticks);
+        let is_over = completed || self.ticks > 0 && has_session_ended;
+        let dt_s = self.scenario.dt_s();
         bars::judge(&mut task, &joints, (is_over, is_done), dt_s);
         Summary {
             ticks: self.ticks,
@@ -311,7 +288,7 @@ impl Judge {
             singularities,
             turns: self.turns.finish(),
             modes,
-            servo: self.steered.finish(self.asked.rate_hz),
+            servo: self.steered.finish(f64::from(self.scenario.rate_hz)),
             latency_us: self.latency.summary(),
             ..Summary::default()
         }
@@ -319,9 +296,10 @@ impl Judge {
 }
 
 fn pace(ticks: u64, wall_s: f64) -> Pace {
-    let ticks_per_s = match wall_s > 0.0 {
-        true => ticks as f64 / wall_s,
-        false => 0.0,
+    let ticks_per_s = if wall_s > 0.0 {
+        ticks as f64 / wall_s
+    } else {
+        0.0
     };
     Pace {
         wall_s,
@@ -394,11 +372,6 @@ fn causes(
     ];
     let causes = causes.into_iter().filter(|(_, holds)| *holds);
     causes.map(|(code, _)| code.to_owned()).collect()
-}
-
-/// Distance by which the path may lie outwards of the hand at a fold, mm: the deviation that a route may take, and the goal's own bound.
-fn beyond_bound(goal: &Goal) -> f64 {
-    goal.path_mm + goal.position_mm
 }
 
 /// Outcome and reason of a task that ran to its end; `along`: largest errors along the singular

@@ -65,30 +65,27 @@ pub fn run(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<()
 /// the largest number there is, and `not_finite` names it.
 fn written(summary: &Summary) -> serde_json::Result<Vec<u8>> {
     fn bound(value: &mut Value, path: &str, found: &mut Vec<String>) {
-        let below = |key: &str| {
-            if path.is_empty() {
-                key.to_owned()
-            } else {
-                format!("{path}.{key}")
-            }
-        };
         match value {
             // Nothing else is null: what is absent is left out.
             Value::Null => {
                 *value = f64::MAX.into();
-                found.push(path.to_owned());
+                found.push(path.trim_start_matches('.').to_owned());
             }
-            Value::Array(values) => values
-                .iter_mut()
-                .enumerate()
-                .for_each(|(i, value)| bound(value, &below(&i.to_string()), found)),
-            Value::Object(values) => values
-                .iter_mut()
-                .for_each(|(key, value)| bound(value, &below(key), found)),
+            Value::Array(values) => {
+                for (i, value) in values.iter_mut().enumerate() {
+                    bound(value, &format!("{path}.{i}"), found);
+                }
+            }
+            Value::Object(values) => {
+                for (key, value) in values {
+                    bound(value, &format!("{path}.{key}"), found);
+                }
+            }
             _ => {}
         }
     }
-    let (mut value, mut found) = (serde_json::to_value(summary)?, Vec::new());
+    let mut value = serde_json::to_value(summary)?;
+    let mut found = Vec::new();
     bound(&mut value, "", &mut found);
     if !found.is_empty() {
         value["not_finite"] = found.into();
@@ -137,13 +134,16 @@ fn pace(mode: Mode) -> Duration {
 
 impl<'a> Recorder<'a> {
     fn open(shell: &'a Shell, robot: &'a Robot, job: &'a Job) -> Result<Self, ProcessError> {
-        let (from, is_first) = (shell.manifest().from, shell.incarnation() == 1);
-        let (path, contents) = (job.out.join(MESSAGES), Contents::of(job));
+        let from = shell.manifest().from;
+        let is_first = shell.incarnation() == 1;
+        let path = job.out.join(MESSAGES);
+        let contents = Contents::of(job);
         let mut book = Book::new(robot, job)?;
-        let last = match job.record && !is_first {
+        let last = if job.record && !is_first {
             // None where its predecessor has died before its first chunk.
-            true => RecordReader::last_messages(&path, &contents).unwrap_or_default(),
-            false => Vec::new(),
+            RecordReader::last_ticks(&path, &contents).unwrap_or_default()
+        } else {
+            Vec::new()
         };
         let mut topics = Vec::new();
         for (channel, layout) in contents.layouts().iter().enumerate() {
@@ -153,8 +153,7 @@ impl<'a> Recorder<'a> {
             }
             let mut collector = shell.collector(&layout.topic)?;
             if !is_first {
-                let last = last.get(channel).and_then(Option::as_deref);
-                collector.go_on(last.map(tick_of));
+                collector.go_on(last.get(channel).copied().flatten());
             }
             topics.push(Topic { channel, collector });
         }
@@ -173,7 +172,8 @@ impl<'a> Recorder<'a> {
 
     /// Begins the record, with all that there is of it before a cut or, in real time, before the death of a recorder.
     fn begin(&mut self, path: &Path, contents: &Contents) -> Result<(), ProcessError> {
-        let (from, is_recorded) = (self.shell.manifest().from, self.job.record);
+        let from = self.shell.manifest().from;
+        let is_recorded = self.job.record;
         let before = match from {
             0 => u64::MAX,
             from => from,
@@ -190,7 +190,8 @@ impl<'a> Recorder<'a> {
         let Some(mut earlier) = earlier else {
             return Ok(());
         };
-        let (topics, mut waiting) = (&mut self.topics, Vec::new());
+        let topics = &mut self.topics;
+        let mut waiting = Vec::new();
         let taken = self.book.take_up(&mut earlier, || {
             // In real time messages come meanwhile.
             topics

@@ -1,13 +1,13 @@
 //! Reads the record of a run: its messages in the order of the file, and every place that is not as it was written.
 
+use std::collections::VecDeque;
 use std::fs::File;
-use std::io;
+use std::io::{ErrorKind, Read as _, Seek as _, SeekFrom};
 use std::ops::Range;
-use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
 use bytemuck::try_pod_read_unaligned;
-use mcap::records::{Channel, Record, op};
+use mcap::records::{Channel, MessageHeader, Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use mcap::{MAGIC, McapError, parse_record};
 use shared_types::Message;
@@ -58,23 +58,22 @@ pub struct RecordReader {
     file: File,
     at: u64,
     chunk: Chunk,
-    /// The next message of the chunk.
-    next: usize,
     /// The messages read of each channel, and the tick of the last one.
     counts: Vec<u32>,
     ticks: Vec<u64>,
     /// Ticks at which it is not as it was written.
     damage: Vec<u64>,
-    is_ended: bool,
+    /// Whether its writer has ended it: it lacks nothing of what that was given.
+    pub(crate) is_ended: bool,
     /// Messages of this tick or later are passed over, but for a cut at it.
     limit: u64,
 }
 
-/// The messages of a chunk.
+/// The messages of a chunk, from the next one on.
 #[derive(Default)]
 struct Chunk {
     bytes: Vec<u8>,
-    messages: Vec<Stored>,
+    messages: VecDeque<Stored>,
 }
 
 /// A message of a chunk.
@@ -83,19 +82,6 @@ struct Stored {
     number: u32,
     time_ns: u64,
     bytes: Range<usize>,
-}
-
-/// Why a chunk cannot be taken.
-enum Refusal {
-    Damaged,
-    OtherRun,
-    WireFormat,
-}
-
-impl From<McapError> for Refusal {
-    fn from(_: McapError) -> Self {
-        Self::Damaged
-    }
 }
 
 impl RecordReader {
@@ -114,36 +100,26 @@ impl RecordReader {
     pub fn open_before(path: &Path, contents: &Contents, tick: u64) -> Result<Self, RecordError> {
         let mut reader = Self::on(path, contents)?;
         reader.limit = tick;
-        let cannot = RecordError::file("read", path);
-        let magic = reader.read(0, MAGIC.len() as u64).map_err(&cannot)?;
+        let magic = reader.read(0, MAGIC.len() as u64)?;
         reader.at = MAGIC.len() as u64;
         if !MAGIC.starts_with(&magic) {
             reader.note();
-            let chunk = reader.find_chunk(0).map_err(&cannot)?;
-            reader.at = chunk.ok_or_else(|| {
+            reader.at = reader.find_chunk(0)?.ok_or_else(|| {
                 RecordError::damaged(path, &"its first bytes are not those of such a file")
             })?;
         }
         // The first chunk says whose it is.
-        match reader.take_chunk(true).map_err(cannot)? {
-            Err(Refusal::OtherRun) => Err(RecordError::OtherRun {
+        if !reader.take_chunk(true)? && !reader.is_ended {
+            return Err(RecordError::Unbegun {
                 path: path.to_owned(),
-            }),
-            Err(Refusal::WireFormat) => Err(RecordError::WireFormat {
-                path: path.to_owned(),
-            }),
-            Ok(false) if !reader.is_ended => Err(RecordError::Unbegun {
-                path: path.to_owned(),
-            }),
-            _ => Ok(reader),
+            });
         }
+        Ok(reader)
     }
 
     fn on(path: &Path, contents: &Contents) -> Result<Self, RecordError> {
         let file = files::open(path).map_err(|error| match error.kind() {
-            io::ErrorKind::InvalidInput | io::ErrorKind::IsADirectory => {
-                RecordError::damaged(path, &error)
-            }
+            ErrorKind::InvalidInput | ErrorKind::IsADirectory => RecordError::damaged(path, &error),
             _ => RecordError::file("read", path)(error),
         })?;
         let topics = contents.layouts().len();
@@ -153,7 +129,6 @@ impl RecordReader {
             file,
             at: 0,
             chunk: Chunk::default(),
-            next: 0,
             counts: vec![0; topics],
             ticks: vec![0; topics],
             damage: Vec::new(),
@@ -171,10 +146,9 @@ impl RecordReader {
         contents: &Contents,
         bytes: u64,
     ) -> Result<Option<Self>, RecordError> {
-        let cannot = RecordError::file("read", path);
         let mut reader = Self::on(path, contents)?;
-        let from = reader.length().map_err(&cannot)?.saturating_sub(bytes);
-        let Some(at) = reader.find_chunk(from).map_err(cannot)? else {
+        let from = reader.length()?.saturating_sub(bytes);
+        let Some(at) = reader.find_chunk(from)? else {
             return Ok(None);
         };
         reader.at = at;
@@ -183,21 +157,19 @@ impl RecordReader {
         Ok(Some(reader))
     }
 
-    /// The last messages of a record, by channel, as far as its end has them.
+    /// The ticks of the last messages of a record, by channel, as far as its end has them.
     ///
     /// # Errors
     /// When it cannot be read.
-    pub(crate) fn last_messages(
+    pub(crate) fn last_ticks(
         path: &Path,
         contents: &Contents,
-    ) -> Result<Vec<Option<Vec<u8>>>, RecordError> {
+    ) -> Result<Vec<Option<u64>>, RecordError> {
         let mut last = vec![None; contents.layouts().len()];
-        let Some(mut reader) = Self::at_end(path, contents, TAIL)? else {
-            return Ok(last);
-        };
-        while let Some(item) = reader.next_item() {
+        let mut end = Self::at_end(path, contents, TAIL)?;
+        while let Some(item) = end.as_mut().and_then(Self::next_item) {
             if let Item::Message { channel, message } = item {
-                last[channel] = Some(message.to_vec());
+                last[channel] = Some(tick_of(message));
             }
         }
         Ok(last)
@@ -205,21 +177,15 @@ impl RecordReader {
 
     /// The next part; `None` at the end.
     pub fn next_item(&mut self) -> Option<Item<'_>> {
-        while self.next == self.chunk.messages.len() {
-            let taken = self.take_chunk(false).unwrap_or_else(|error| {
-                runtime::complain(&RecordError::file("read", &self.path)(error));
-                self.note();
-                Ok(false)
-            });
-            if !matches!(taken, Ok(true)) {
-                return None;
-            }
-        }
-        let stored = &self.chunk.messages[self.next];
-        self.next += 1;
-        let bytes = &self.chunk.bytes[stored.bytes.clone()];
-        let tick = self.contents.tick_at(stored.time_ns);
-        Some(match stored.channel {
+        let Stored {
+            channel,
+            time_ns,
+            bytes,
+            ..
+        } = self.next_stored()?;
+        let tick = self.contents.tick_at(time_ns);
+        let bytes = &self.chunk.bytes[bytes];
+        Some(match channel {
             channel if channel < self.counts.len() => Item::Message {
                 channel,
                 message: bytes,
@@ -234,14 +200,27 @@ impl RecordReader {
     /// The next message of a channel; `None` at the end.
     pub fn next_of(&mut self, wanted: usize) -> Option<&[u8]> {
         loop {
-            let (from, to) = match self.next_item()? {
-                Item::Message { channel, .. } if channel == wanted => {
-                    let bytes = &self.chunk.messages[self.next - 1].bytes;
-                    (bytes.start, bytes.end)
-                }
-                _ => continue,
-            };
-            return self.chunk.bytes.get(from..to);
+            let stored = self.next_stored()?;
+            if stored.channel == wanted {
+                return self.chunk.bytes.get(stored.bytes);
+            }
+        }
+    }
+
+    /// The next message, or whatever else there is, among the bytes of the chunk.
+    fn next_stored(&mut self) -> Option<Stored> {
+        loop {
+            if let Some(stored) = self.chunk.messages.pop_front() {
+                return Some(stored);
+            }
+            let taken = self.take_chunk(false).unwrap_or_else(|error| {
+                runtime::complain(&error);
+                self.note();
+                false
+            });
+            if !taken {
+                return None;
+            }
         }
     }
 
@@ -256,62 +235,50 @@ impl RecordReader {
         &self.damage
     }
 
-    /// Whether its writer has ended it: it lacks nothing of what that was given.
-    pub fn is_ended(&self) -> bool {
-        self.is_ended
-    }
-
     /// Whether the file has the summary by which other programs find messages in it.
     pub(crate) fn has_summary(&self) -> bool {
         let end = MAGIC.len() as u64;
-        let read = self.length().and_then(|length| {
-            let at = length.saturating_sub(end).max(end);
-            self.read(at, end)
-        });
-        read.is_ok_and(|bytes| bytes == MAGIC)
+        let length = self.length().unwrap_or_default();
+        let last = self.read(length.saturating_sub(end).max(end), end);
+        last.is_ok_and(|bytes| bytes == MAGIC)
     }
 
-    fn length(&self) -> io::Result<u64> {
-        Ok(self.file.metadata()?.len())
+    fn length(&self) -> Result<u64, RecordError> {
+        let length = self.file.metadata().map(|file| file.len());
+        length.map_err(RecordError::file("read", &self.path))
     }
 
     /// The bytes at a place, as far as the file goes.
-    fn read(&self, at: u64, length: u64) -> io::Result<Vec<u8>> {
-        let length = length.min(self.length()?.saturating_sub(at)) as usize;
-        let (mut bytes, mut n) = (vec![0; length], 0);
-        while n < length {
-            match self.file.read_at(&mut bytes[n..], at + n as u64) {
-                Ok(0) => break,
-                Ok(more) => n += more,
-                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-                Err(error) => return Err(error),
-            }
-        }
-        bytes.truncate(n);
+    fn read(&self, at: u64, length: u64) -> Result<Vec<u8>, RecordError> {
+        let mut file = &self.file;
+        let mut bytes = Vec::with_capacity(length as usize);
+        let found = file.seek(SeekFrom::Start(at));
+        let read = found.and_then(|_| file.take(length).read_to_end(&mut bytes));
+        read.map_err(RecordError::file("read", &self.path))?;
         Ok(bytes)
     }
 
     /// The opcode and the whole length of the record at a place; `None` if there is no such record.
-    fn record_at(&self, at: u64) -> io::Result<Option<(u8, u64)>> {
+    fn record_at(&self, at: u64) -> Result<Option<(u8, u64)>, RecordError> {
         let head = self.read(at, PREFIX as u64)?;
-        let Some((op, length)) = head.split_first_chunk::<1>() else {
+        let Some((op, length)) = head.split_first() else {
             return Ok(None);
         };
         let length = length.try_into().map_or(u64::MAX, u64::from_le_bytes);
         let left = self.length()?.saturating_sub(at);
         let is_whole = length < MOST_BYTES && PREFIX as u64 + length <= left;
-        Ok(is_whole.then_some((op[0], PREFIX as u64 + length)))
+        Ok(is_whole.then_some((*op, PREFIX as u64 + length)))
     }
 
     /// Takes in the next chunk; `false` at the end. One that is refused is noted and passed over, but for the first of all, which says whose it is.
-    fn take_chunk(&mut self, is_first: bool) -> io::Result<Result<bool, Refusal>> {
+    fn take_chunk(&mut self, is_first: bool) -> Result<bool, RecordError> {
         // From the end of the last chunk: a wrong length leads away from the next one.
         let behind = self.at;
         loop {
             match self.record_at(self.at)? {
                 Some((op::DATA_END, DATA_END) | (op::FOOTER, FOOTER)) => {
                     self.is_ended = true;
-                    return Ok(Ok(false));
+                    return Ok(false);
                 }
                 Some((op::CHUNK, length)) => {
                     let record = self.read(self.at, length)?;
@@ -319,11 +286,10 @@ impl RecordReader {
                         Ok(chunk) => {
                             self.at += length;
                             self.admit(chunk);
-                            return Ok(Ok(true));
+                            return Ok(true);
                         }
-                        Err(refused) if is_first && !matches!(refused, Refusal::Damaged) => {
-                            return Ok(Err(refused));
-                        }
+                        Err(RecordError::Damaged { .. }) => self.note(),
+                        Err(foreign) if is_first => return Err(foreign),
                         Err(_) => self.note(),
                     }
                     // Its length may be wrong, too.
@@ -335,16 +301,17 @@ impl RecordReader {
                         self.note();
                         self.at = chunk;
                     }
-                    None => return Ok(Ok(false)),
+                    None => return Ok(false),
                 },
             }
         }
     }
 
     /// The first chunk from a place on that is as it was written.
-    fn find_chunk(&self, from: u64) -> io::Result<Option<u64>> {
+    fn find_chunk(&self, from: u64) -> Result<Option<u64>, RecordError> {
         const WINDOW: u64 = 1 << 16;
-        let (mut begin, end) = (from, self.length()?);
+        let mut begin = from;
+        let end = self.length()?;
         while begin < end {
             let window = self.read(begin, WINDOW + CHUNK_HEAD as u64 + 4)?;
             for (at, head) in (begin..begin + WINDOW).zip(window.windows(CHUNK_HEAD + 4)) {
@@ -363,38 +330,32 @@ impl RecordReader {
     }
 
     /// The messages of a chunk's record, if its checksum is right and all of them are the run's.
-    fn decode(&self, record: &[u8]) -> Result<Chunk, Refusal> {
+    fn decode(&self, record: &[u8]) -> Result<Chunk, RecordError> {
         let options = LinearReaderOptions::default()
             .with_skip_start_magic(true)
             .with_skip_end_magic(true)
             .with_prevalidate_chunk_crcs(true)
             .with_record_length_limit(MOST_BYTES as usize);
+        let damaged = |reason: McapError| RecordError::damaged(&self.path, &reason);
         // Without a checksum, which every writer of ours sets, zeros would be an empty chunk.
-        if record
-            .get(CHUNK_HEAD - 4..CHUNK_HEAD)
-            .is_none_or(|sum| sum == [0; 4])
-        {
-            return Err(Refusal::Damaged);
+        let sum = record.get(CHUNK_HEAD - 4..CHUNK_HEAD);
+        if sum.is_none_or(|sum| sum == [0; 4]) {
+            return Err(RecordError::damaged(&self.path, &"a chunk has no checksum"));
         }
-        let (mut reader, mut chunk) = (LinearReader::new_with_options(options), Chunk::default());
+        let mut reader = LinearReader::new_with_options(options);
+        let mut chunk = Chunk::default();
         reader.insert(record.len()).copy_from_slice(record);
         reader.notify_read(record.len());
         while let Some(event) = reader.next_event() {
-            match event? {
+            match event.map_err(damaged)? {
                 LinearReadEvent::ReadRequest(_) => reader.notify_read(0),
-                LinearReadEvent::Record { opcode, data } => match parse_record(opcode, data)? {
-                    Record::Message { header, data } => {
-                        let channel = usize::from(header.channel_id).wrapping_sub(1);
-                        self.add(
-                            &mut chunk,
-                            channel,
-                            (header.sequence, header.log_time),
-                            &data,
-                        )?;
+                LinearReadEvent::Record { opcode, data } => {
+                    match parse_record(opcode, data).map_err(damaged)? {
+                        Record::Message { header, data } => self.add(&mut chunk, &header, &data)?,
+                        Record::Channel(channel) => self.check(&channel)?,
+                        _ => {}
                     }
-                    Record::Channel(channel) => self.check(&channel)?,
-                    _ => {}
-                },
+                }
             }
         }
         Ok(chunk)
@@ -403,41 +364,45 @@ impl RecordReader {
     fn add(
         &self,
         chunk: &mut Chunk,
-        channel: usize,
-        (number, time_ns): (u32, u64),
+        header: &MessageHeader,
         data: &[u8],
-    ) -> Result<(), Refusal> {
-        let (layouts, begin) = (self.contents.layouts(), chunk.bytes.len());
+    ) -> Result<(), RecordError> {
+        let layouts = self.contents.layouts();
+        let begin = chunk.bytes.len();
         let [events, _, cuts] = self.contents.extra();
+        let channel = usize::from(header.channel_id).wrapping_sub(1);
         let message = match layouts.get(channel) {
             Some(layout) => data
                 .strip_prefix(&CDR)
                 .filter(|message| message.len() == layout.bytes)
-                .ok_or(Refusal::Damaged)?,
+                .ok_or_else(|| RecordError::damaged(&self.path, &"a message is too short"))?,
             None if [events, cuts].contains(&channel) => data,
             None => return Ok(()),
         };
         chunk.bytes.extend_from_slice(message);
-        chunk.messages.push(Stored {
+        chunk.messages.push_back(Stored {
             channel,
-            number,
-            time_ns,
+            number: header.sequence,
+            time_ns: header.log_time,
             bytes: begin..chunk.bytes.len(),
         });
         Ok(())
     }
 
     /// Whether a channel is one of the run.
-    fn check(&self, channel: &Channel) -> Result<(), Refusal> {
+    fn check(&self, channel: &Channel) -> Result<(), RecordError> {
+        let path = self.path.clone();
         if channel.metadata.get("run") != Some(&self.contents.run()) {
-            return Err(Refusal::OtherRun);
+            return Err(RecordError::OtherRun { path });
         }
         let place = usize::from(channel.id).wrapping_sub(1);
         let is_like = self.contents.layouts().get(place).is_none_or(|layout| {
             channel.topic.strip_prefix('/') == Some(&layout.topic)
                 && channel.metadata.get("layout") == Some(&format!("{:016x}", layout.hash))
         });
-        is_like.then_some(()).ok_or(Refusal::WireFormat)
+        is_like
+            .then_some(())
+            .ok_or(RecordError::WireFormat { path })
     }
 
     /// Takes in the messages of a chunk but for those that have come before, and notes that some are missing before it.
@@ -465,7 +430,7 @@ impl RecordReader {
         if !is_whole && self.damage.last() != Some(&next) {
             self.damage.push(next);
         }
-        (self.chunk, self.next) = (chunk, 0);
+        self.chunk = chunk;
     }
 
     /// The tick behind those of which all has been read.

@@ -7,7 +7,7 @@ use bytemuck::try_pod_read_unaligned;
 use shared_types::event::Event;
 use shared_types::job::Job;
 use shared_types::summary::Summary;
-use shared_types::topics::{self, ByTopic, COUNT, Each, Received, TOPICS, Topic};
+use shared_types::topics::{ByTopic, COUNT, OfTopic, Received, Topic};
 
 use crate::MESSAGES;
 use crate::contents::{Contents, tick_of};
@@ -46,30 +46,29 @@ impl Row {
     pub fn messages(&self) -> &ByTopic<Received> {
         &self.messages
     }
-
-    fn put<M: Topic>(&mut self, message: &M) {
-        *M::of_mut(&mut self.messages) = Some(*message);
-        self.come |= 1 << M::INDEX;
-    }
 }
 
-/// Puts a message into a row, from its bytes.
-type Put = fn(&mut Row, &[u8]);
+/// A topic's place in a row.
+#[derive(Clone, Copy, Debug)]
+struct Column {
+    /// Of [`Row::come`].
+    bit: u32,
+    /// Puts a message into a row, from its bytes.
+    put: fn(&mut Row, &[u8]),
+}
 
-/// The way into a row for each topic, in the order of the list.
-fn puts() -> [Put; COUNT] {
-    struct Puts;
-    impl Each for Puts {
-        type Output = Put;
-        fn each<M: Topic>(&mut self) -> Put {
-            |row, bytes| {
+impl OfTopic for Column {
+    fn of_topic<M: Topic>() -> Self {
+        Self {
+            bit: 1 << M::INDEX,
+            put: |row, bytes| {
                 if let Ok(message) = try_pod_read_unaligned::<M>(bytes) {
-                    row.put(&message);
+                    *M::of_mut(&mut row.messages) = Some(message);
+                    row.come |= 1 << M::INDEX;
                 }
-            }
+            },
         }
     }
-    topics::each(&mut Puts)
 }
 
 /// The messages of a topic so far.
@@ -81,16 +80,10 @@ pub struct Account {
     pub hash: TopicHash,
     /// The tick behind the last message's.
     next_tick: u64,
-    /// The way into a row; none of a topic that only the graph knows.
-    put: Option<Put>,
+    /// Its place in a row; none of a topic that only the graph knows.
+    column: Option<Column>,
     /// Whether the recorder takes it in.
-    is_read: bool,
-}
-
-impl Account {
-    pub(crate) fn is_read(&self) -> bool {
-        self.is_read
-    }
+    pub(crate) is_read: bool,
 }
 
 /// Makes ticks of messages: whole ones are given out at once, others when [`DEPTH`] ticks have begun behind them. Ticks of which nothing has come are given
@@ -108,15 +101,15 @@ pub struct Assembler {
 impl Assembler {
     /// An assembler of the messages of these channels.
     pub fn new(contents: &Contents) -> Self {
-        let (puts, mut expected) = (puts(), 0);
+        let mut expected = 0;
         let accounts = contents.layouts().iter().map(|layout| {
-            let place = TOPICS.iter().position(|known| *known == layout.topic);
-            expected |= place.map_or(0, |place| 1 << place);
+            let column = Column::named(&layout.topic);
+            expected |= column.map_or(0, |column| column.bit);
             Account {
                 topic: layout.topic.clone(),
                 hash: TopicHash::default(),
                 next_tick: 0,
-                put: place.map(|place| puts[place]),
+                column,
                 is_read: true,
             }
         });
@@ -132,9 +125,7 @@ impl Assembler {
     pub(crate) fn leave_out(&mut self, channel: usize) {
         let account = &mut self.accounts[channel];
         account.is_read = false;
-        if let Some(place) = TOPICS.iter().position(|known| *known == account.topic) {
-            self.expected &= !(1 << place);
-        }
+        self.expected &= !account.column.map_or(0, |column| column.bit);
     }
 
     /// Takes in the next message of a channel.
@@ -143,10 +134,10 @@ impl Assembler {
         account.hash.add(message);
         let tick = tick_of(message);
         account.next_tick = tick.saturating_add(1);
-        if let Some(put) = account.put
+        if let Some(column) = account.column
             && let Some(row) = self.row(tick)
         {
-            put(row, message);
+            (column.put)(row, message);
         }
     }
 
@@ -172,27 +163,19 @@ impl Assembler {
     pub fn next_row(&mut self) -> Option<Box<Row>> {
         let front = self.rows.front()?;
         let is_whole = front.tick == self.next && front.come & self.expected == self.expected;
-        (is_whole || self.rows.len() > DEPTH).then(|| self.pop())?
+        (is_whole || self.rows.len() > DEPTH).then(|| self.rest())?
     }
 
     /// The next tick of those that are left, when no message comes any more.
     pub fn rest(&mut self) -> Option<Box<Row>> {
-        self.pop()
-    }
-
-    fn pop(&mut self) -> Option<Box<Row>> {
         let gap = self.rows.front()?.tick - self.next;
-        let row = match gap == 0 || gap > HORIZON {
-            true => self.rows.pop_front()?,
-            false => Box::new(Row::empty(self.next)),
+        let row = if gap == 0 || gap > HORIZON {
+            self.rows.pop_front()?
+        } else {
+            Box::new(Row::empty(self.next))
         };
         self.next = row.tick.saturating_add(1);
         Some(row)
-    }
-
-    /// The next tick to be given out.
-    pub fn next_tick(&self) -> u64 {
-        self.next
     }
 
     /// Number and hash of the messages of each topic.
@@ -202,7 +185,7 @@ impl Assembler {
 
     /// The topics that are in no row.
     pub fn foreign(&self) -> Vec<String> {
-        let foreign = self.accounts.iter().filter(|one| one.put.is_none());
+        let foreign = self.accounts.iter().filter(|one| one.column.is_none());
         foreign.map(|one| one.topic.clone()).collect()
     }
 }

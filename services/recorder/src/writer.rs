@@ -57,18 +57,22 @@ impl RecordWriter {
             .calculate_data_section_crc(false)
             .create(pending);
         let begun = file.and_then(|mut file| {
-            begin(&mut file, contents)?;
+            describe(&mut file, contents)?;
             Ok(file)
         });
-        Ok(Self {
+        let mut writer = Self {
             file: begun.map_err(|error| RecordError::write(path, error))?,
             path: path.to_owned(),
             counts: vec![0; contents.extra()[2] + 1],
             contents: contents.clone(),
             written,
-            message: Vec::new(),
+            message: CDR.to_vec(),
             gathered: 0,
-        })
+        };
+        put_text(&mut writer.message, &contents.urdf);
+        writer.write(contents.extra()[1], 0)?;
+        writer.close_chunk()?;
+        Ok(writer)
     }
 
     /// A record that begins with an earlier one.
@@ -179,8 +183,8 @@ impl RecordWriter {
     }
 }
 
-/// Writes the files that describe the run, a channel for each topic, and the arm.
-fn begin(file: &mut mcap::Writer<Pending>, contents: &Contents) -> Result<(), McapError> {
+/// Writes the files that describe the run, and a channel for each topic.
+fn describe(file: &mut mcap::Writer<Pending>, contents: &Contents) -> Result<(), McapError> {
     for attached in &contents.files {
         file.attach(&Attachment {
             log_time: 0,
@@ -190,32 +194,20 @@ fn begin(file: &mut mcap::Writer<Pending>, contents: &Contents) -> Result<(), Mc
             data: Cow::Borrowed(attached.text.as_bytes()),
         })?;
     }
-    let mut channel = |topic: &str, layout: &str, [name, definition]: [&str; 2]| {
+    let mut channel = |topic: &str, layout: String, [name, definition]: [&str; 2]| {
         let schema = file.add_schema(name, "ros2msg", definition.as_bytes())?;
-        let about = [("run", contents.run()), ("layout", layout.to_owned())];
+        let about = [("run", contents.run()), ("layout", layout)];
         let about = about.map(|(key, value)| (key.to_owned(), value));
         file.add_channel(schema, topic, "cdr", &BTreeMap::from(about))
     };
     for layout in contents.layouts() {
         let ((name, definition), hash) = (schema(layout), format!("{:016x}", layout.hash));
-        channel(&format!("/{}", layout.topic), &hash, [&name, &definition])?;
+        channel(&format!("/{}", layout.topic), hash, [&name, &definition])?;
     }
-    let [topic, name, definition] = EVENTS;
-    channel(topic, "", [name, definition])?;
-    let [topic, name, definition] = ROBOT;
-    let robot = channel(topic, "", [name, definition])?;
-    let [topic, name, definition] = CUTS;
-    channel(topic, "", [name, definition])?;
-    let mut message = CDR.to_vec();
-    put_text(&mut message, &contents.urdf);
-    let header = MessageHeader {
-        channel_id: robot,
-        sequence: 0,
-        log_time: 0,
-        publish_time: 0,
-    };
-    file.write_to_known_channel(&header, &message)?;
-    file.flush()
+    for [topic, name, definition] in [EVENTS, ROBOT, CUTS] {
+        channel(topic, String::new(), [name, definition])?;
+    }
+    Ok(())
 }
 
 /// The end of a file: what is written goes into memory, and into the file with the next flush, whole or not at all.

@@ -37,7 +37,7 @@ impl fmt::Display for FaultKinds {
             "usual time",
             "--as (usual amount)",
         ]);
-        for &kind in Kind::ALL {
+        for kind in Kind::ALL {
             let ways = kind.ways().map(|way| match kind.usual_amount(way) {
                 0.0 => way.name().to_owned(),
                 amount => format!("{} ({amount} {})", way.name(), kind.unit(way)),

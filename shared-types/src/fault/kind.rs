@@ -1,52 +1,7 @@
 //! Kinds of faults, their variants, and the processes that each applies to.
 
-use serde::{Deserialize, Serialize};
-
 use crate::process::{Process, Role};
-
-/// Declares an enumeration of words: the variants, their spelling in files and their numbers in shared memory.
-macro_rules! words {
-    ($(#[$meta:meta])* $name:ident { $( #[doc = $doc:literal] $variant:ident $word:literal ),* $(,)? }) => {
-        $(#[$meta])*
-        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-        pub enum $name { $( #[doc = $doc] #[serde(rename = $word)] $variant ),* }
-
-        impl $name {
-            /// All of them, in order: the place is the number in shared memory.
-            pub const ALL: &'static [Self] = &[$(Self::$variant),*];
-
-            /// As written in files.
-            #[must_use]
-            pub fn name(self) -> &'static str {
-                match self { $( Self::$variant => $word ),* }
-            }
-
-            /// One sentence.
-            #[must_use]
-            pub fn about(self) -> &'static str {
-                match self { $( Self::$variant => $doc.trim_ascii() ),* }
-            }
-
-            pub(super) fn of(number: u32) -> Option<Self> {
-                Self::ALL.get(number as usize).copied()
-            }
-        }
-
-        impl std::fmt::Display for $name {
-            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-                f.write_str(self.name())
-            }
-        }
-
-        impl std::str::FromStr for $name {
-            type Err = String;
-            fn from_str(word: &str) -> Result<Self, String> {
-                let known = || Self::ALL.iter().map(|one| one.name()).collect::<Vec<_>>().join(", ");
-                Self::ALL.iter().find(|one| one.name() == word).copied().ok_or_else(|| format!("there is no `{word}`; there are {}", known()))
-            }
-        }
-    };
-}
+use crate::words::words;
 
 words! {
     /// Kinds of fault.

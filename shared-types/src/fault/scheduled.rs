@@ -35,13 +35,13 @@ impl ScheduledFault {
     /// The kind; `None` for a number that no kind has.
     #[must_use]
     pub fn kind(&self) -> Option<Kind> {
-        Kind::of(self.kind)
+        Kind::ALL.get(self.kind as usize).copied()
     }
 
     /// In which way.
     #[must_use]
     pub fn way(&self) -> Option<Way> {
-        Way::of(self.way)
+        Way::ALL.get(self.way as usize).copied()
     }
 
     /// Whether a run cannot go on from the messages and states at the beginning of a tick alone: the fault holds messages back there, or keeps a process

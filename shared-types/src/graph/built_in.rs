@@ -12,11 +12,13 @@ pub const PRESSING: &str = include_str!("../../force.toml");
 /// The built-in graph of a steered run that may press.
 pub const STEERED_PRESSING: &str = include_str!("../../servo-force.toml");
 
-/// The names of the built-in graphs where another one extends them.
-pub(super) const BUILT_IN_NAME: &str = "armplane";
-pub(super) const STEERED_NAME: &str = "servo";
-pub(super) const PRESSING_NAME: &str = "force";
-pub(super) const STEERED_PRESSING_NAME: &str = "servo-force";
+/// The built-in graphs by their names, where another one extends them.
+pub(super) const NAMED: [(&str, &str); 4] = [
+    ("armplane", BUILT_IN),
+    ("servo", STEERED),
+    ("force", PRESSING),
+    ("servo-force", STEERED_PRESSING),
+];
 
 /// In `reads`: all topics that others write.
 pub(super) const EVERYTHING: &str = "*";

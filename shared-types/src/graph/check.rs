@@ -2,7 +2,8 @@
 
 use super::built_in::{BUILT_IN, EVERYTHING, STEERED};
 use super::topology::Graph;
-use crate::file::{Complaint, nearest, require};
+use crate::file::{Complaint, each, nearest, require};
+use crate::layout::DeclaredTopic;
 use crate::process::{MAX_PROCESSES, Process, Program, Role};
 use crate::topics::{MAX_TOPICS, TOPICS};
 use crate::wire::MAX_HOPS;
@@ -35,27 +36,24 @@ impl Graph {
             format!("the graph has {count} processes"),
             format!("{MAX_PROCESSES} at most"),
         )?;
-        let (own, most) = (self.topic.len(), MAX_TOPICS - TOPICS.len());
+        let own = self.topic.len();
+        let most = MAX_TOPICS - TOPICS.len();
         let message = format!("the graph declares {own} topics");
         require(own <= most, "topic", message, format!("{most} at most"))?;
-        for i in 0..own {
-            let located = |complaint: Complaint| complaint.within(&format!("topic.{i}"));
-            self.check_topic(i).map_err(located)?;
-        }
+        each("topic", &self.topic, |i, topic| self.check_topic(i, topic))?;
         // First: a name that is misspelt lacks elsewhere, too.
-        (0..count).try_for_each(|i| self.check_topics(i))?;
-        for i in 0..count {
-            let located = |complaint: Complaint| complaint.within(&format!("process.{i}"));
-            self.check_process(i).map_err(located)?;
-        }
+        each("process", &self.process, |_, one| self.check_topics(one))?;
+        each("process", &self.process, |i, one| {
+            self.check_process(i, one)
+        })?;
         self.check_numbers()?;
         self.check_loop()
     }
 
     /// The path is relative to the topic.
-    fn check_topic(&self, i: usize) -> Result<(), Complaint> {
-        let topic = &self.topic[i];
-        let (name, type_name) = (&topic.name, &topic.type_name);
+    fn check_topic(&self, i: usize, topic: &DeclaredTopic) -> Result<(), Complaint> {
+        let name = &topic.name;
+        let type_name = &topic.type_name;
         let message = format!("`{name}` cannot be the name of a topic");
         require(is_name(name), "name", message, NAMES)?;
         let is_new = !is_listed(name) && self.topic[..i].iter().all(|one| one.name != *name);
@@ -86,8 +84,7 @@ impl Graph {
     }
 
     /// The path is relative to the process.
-    fn check_process(&self, i: usize) -> Result<(), Complaint> {
-        let process = &self.process[i];
+    fn check_process(&self, i: usize, process: &Process) -> Result<(), Complaint> {
         let name = process.name.as_str();
         let message = format!("`{name}` names a part of armplane in every run");
         require(
@@ -108,11 +105,7 @@ impl Graph {
             "1 to 99, or 0 for ordinary scheduling",
         )?;
         for (key, topics) in uses(process) {
-            for (j, topic) in topics.iter().enumerate() {
-                let path = format!("{key}.{j}");
-                let located = |complaint| Complaint { path, ..complaint };
-                self.check_use(i, key, topic).map_err(located)?;
-            }
+            each(key, topics, |_, topic| self.check_use(i, key, topic))?;
         }
         check_kind(process)?;
         match process {
@@ -122,30 +115,26 @@ impl Graph {
         }
     }
 
-    /// Whether the topics of process `i` exist.
-    fn check_topics(&self, i: usize) -> Result<(), Complaint> {
-        let declared = self.topic.iter().map(|declared| declared.name.as_str());
+    /// Whether the topics of a process exist; the path is relative to the process.
+    fn check_topics(&self, process: &Process) -> Result<(), Complaint> {
+        let declared = self.topic.iter().map(|declared| &*declared.name);
         let known: Vec<_> = TOPICS.into_iter().chain(declared).collect();
-        for (key, topics) in uses(&self.process[i]) {
-            let is_known = |topic: &String| topic == EVERYTHING || known.contains(&&**topic);
-            let Some(j) = topics.iter().position(|topic| !is_known(topic)) else {
-                continue;
-            };
-            let remedy = match nearest(&topics[j], known.iter().copied()) {
+        let check = |topic: &String| {
+            if topic == EVERYTHING || known.contains(&&**topic) {
+                return Ok(());
+            }
+            let remedy = match nearest(topic, known.iter().copied()) {
                 Some(near) => format!("did you mean `{near}`?"),
                 None => format!(
                     "known: {}; declare others under [[topic]]",
                     known.join(", ")
                 ),
             };
-            let message = format!("there is no topic `{}`", topics[j]);
-            return Err(Complaint::new(
-                format!("process.{i}.{key}.{j}"),
-                message,
-                remedy,
-            ));
-        }
-        Ok(())
+            let message = format!("there is no topic `{topic}`");
+            Err(Complaint::new("", message, remedy))
+        };
+        let mut uses = uses(process).into_iter();
+        uses.try_for_each(|(key, topics)| each(key, topics, |_, topic| check(topic)))
     }
 
     /// A topic at a place of process `i`; the path is the caller's.
@@ -190,7 +179,8 @@ impl Graph {
         let name = |i: usize| &self.process[i].name;
         // A second recorder would write the same files.
         if let [first, second, ..] = places(&|one| one.program() == Some(Program::Recorder))[..] {
-            let (first, second_name) = (name(first), name(second));
+            let first = name(first);
+            let second_name = name(second);
             return Err(Complaint::new(
                 format!("process.{second}.name"),
                 format!("`{second_name}` records the run as `{first}` does, into the same files"),
@@ -315,7 +305,8 @@ fn uses(process: &Process) -> [(&'static str, &Vec<String>); 3] {
 
 /// Whether its keys belong to one kind of process; the path is relative to the process.
 fn check_kind(process: &Process) -> Result<(), Complaint> {
-    let (name, has_command) = (&process.name, !process.command.is_empty());
+    let name = &process.name;
+    let has_command = !process.command.is_empty();
     require(
         !(process.external && has_command),
         "external",
@@ -345,13 +336,11 @@ fn check_command(process: &Process) -> Result<(), Complaint> {
         format!("`{name}` names a program of armplane and is another program"),
         "take out `program`, or `command` and `external`",
     )?;
-    let zero = process.command.iter().position(|part| part.contains('\0'));
-    require(
-        zero.is_none(),
-        format!("command.{}", zero.unwrap_or(0)),
-        format!("the command of `{name}` holds a zero byte"),
-        "take it out: no program can be given one",
-    )?;
+    each("command", &process.command, |_, part| {
+        let message = format!("the command of `{name}` holds a zero byte");
+        let remedy = "take it out: no program can be given one";
+        require(!part.contains('\0'), "", message, remedy)
+    })?;
     require(
         process
             .command
@@ -376,7 +365,8 @@ fn check_command(process: &Process) -> Result<(), Complaint> {
 
 /// A robot: it has the topics of the simulated plant, and nothing else is to run as it.
 fn check_robot(process: &Process) -> Result<(), Complaint> {
-    let (name, plant) = (&process.name, built_in(Program::Plant));
+    let name = &process.name;
+    let plant = built_in(Program::Plant);
     require(
         process.command.is_empty() && process.program.is_empty() && !process.external,
         "robot",

@@ -20,7 +20,7 @@ pub struct Graph {
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub extends: String,
     /// Folder in which the commands run. Default: the folder of the graph's file.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub folder: Option<PathBuf>,
     /// Topics for messages of your own.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]

@@ -1,6 +1,8 @@
 //! Detection of singularities, and numbers per singularity.
 
-use serde::{Deserialize, Serialize};
+use serde::de::value::SeqAccessDeserializer;
+use serde::de::{MapAccess, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::codes;
 use crate::file::{Complaint, require};
@@ -29,134 +31,97 @@ impl Default for Analysis {
     }
 }
 
-/// One number for each singularity, by its name.
+/// One number for each singularity, by its name, in the order of [`NAMES`].
 ///
 /// A table like `{ wrist = 0.12 }` changes only the names in it. An array of three is read as
 /// elbow, wrist, overhead.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct BySingularity {
-    /// For an elbow singularity.
-    pub elbow: f64,
-    /// For a wrist singularity.
-    pub wrist: f64,
-    /// For an overhead singularity.
-    pub overhead: f64,
-    /// For a shoulder singularity: axes 1 and 3 of a seven-joint arm are parallel.
-    pub shoulder: f64,
-    /// For a singularity that was found numerically and has no name.
-    pub numeric: f64,
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BySingularity([f64; NAMES.len()]);
+
+/// The names of [`codes::KINDS`], and last that of a singularity that was found numerically.
+const NAMES: [&str; 5] = ["elbow", "wrist", "overhead", "shoulder", "numeric"];
+
+/// One of [`NAMES`], by its place.
+#[derive(Deserialize)]
+#[serde(field_identifier, rename_all = "lowercase")]
+enum Name {
+    Elbow,
+    Wrist,
+    Overhead,
+    Shoulder,
+    Numeric,
 }
 
 impl BySingularity {
-    const ETA_IN: Self = Self::new([0.10, 0.10, 0.08, 0.10, 0.10]);
-    const ETA_OUT: Self = Self::new([0.20, 0.20, 0.16, 0.20, 0.20]);
-    pub(super) const RATE_MAX: Self = Self::new([1.5, 3.0, 1.2, 1.5, 1.5]);
-    pub(super) const SLEW: Self = Self::new([20.0, 50.0, 12.0, 20.0, 20.0]);
+    const ETA_IN: Self = Self([0.10, 0.10, 0.08, 0.10, 0.10]);
+    const ETA_OUT: Self = Self([0.20, 0.20, 0.16, 0.20, 0.20]);
+    pub(super) const RATE_MAX: Self = Self([1.5, 3.0, 1.2, 1.5, 1.5]);
+    pub(super) const SLEW: Self = Self([20.0, 50.0, 12.0, 20.0, 20.0]);
 
-    /// In the order of the fields.
-    const fn new([elbow, wrist, overhead, shoulder, numeric]: [f64; 5]) -> Self {
-        Self {
-            elbow,
-            wrist,
-            overhead,
-            shoulder,
-            numeric,
-        }
-    }
-
-    /// The number for a singularity of this kind ([`codes::KINDS`](crate::codes::KINDS)).
+    /// The number for a singularity of this kind ([`codes::KINDS`]).
     #[must_use]
     pub fn of(&self, kind: u32) -> f64 {
-        match kind {
-            codes::KIND_ELBOW => self.elbow,
-            codes::KIND_WRIST => self.wrist,
-            codes::KIND_OVERHEAD => self.overhead,
-            codes::KIND_SHOULDER => self.shoulder,
-            _ => self.numeric,
-        }
+        // The codes of kinds with a name count from 1.
+        let [.., numeric] = &self.0;
+        let place = (kind as usize).wrapping_sub(codes::KIND_ELBOW as usize);
+        *self.0.get(place).unwrap_or(numeric)
     }
 
     /// The numbers with their names.
     #[must_use]
-    pub fn named(&self) -> [(&'static str, f64); 5] {
-        [
-            ("elbow", self.elbow),
-            ("wrist", self.wrist),
-            ("overhead", self.overhead),
-            ("shoulder", self.shoulder),
-            ("numeric", self.numeric),
-        ]
+    pub fn named(&self) -> [(&'static str, f64); NAMES.len()] {
+        std::array::from_fn(|i| (NAMES[i], self.0[i]))
     }
 
     /// The largest of them.
     #[must_use]
     pub fn largest(&self) -> f64 {
-        self.named()
-            .iter()
-            .fold(0.0, |largest, (_, value)| value.max(largest))
+        self.0.into_iter().fold(0.0, f64::max)
     }
 
-    fn eta_in<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+    fn eta_in<'de, D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
         Self::over(Self::ETA_IN, from)
     }
 
-    fn eta_out<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+    fn eta_out<'de, D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
         Self::over(Self::ETA_OUT, from)
     }
 
-    pub(super) fn rate_max<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+    pub(super) fn rate_max<'de, D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
         Self::over(Self::RATE_MAX, from)
     }
 
-    pub(super) fn slew<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+    pub(super) fn slew<'de, D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
         Self::over(Self::SLEW, from)
     }
 
     /// The file's values over the defaults.
-    fn over<'de, D: serde::Deserializer<'de>>(default: Self, from: D) -> Result<Self, D::Error> {
-        #[derive(Deserialize)]
-        #[serde(deny_unknown_fields)]
-        struct Named {
-            elbow: Option<f64>,
-            wrist: Option<f64>,
-            overhead: Option<f64>,
-            shoulder: Option<f64>,
-            numeric: Option<f64>,
-        }
+    fn over<'de, D: Deserializer<'de>>(default: Self, from: D) -> Result<Self, D::Error> {
         struct Either(BySingularity);
-        impl<'de> serde::de::Visitor<'de> for Either {
+        impl<'de> Visitor<'de> for Either {
             type Value = BySingularity;
             fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
                 f.write_str("numbers by the names elbow, wrist, overhead, shoulder, numeric, or an array of the first three")
             }
-            fn visit_map<A: serde::de::MapAccess<'de>>(
-                self,
-                map: A,
-            ) -> Result<Self::Value, A::Error> {
-                let given = Named::deserialize(serde::de::value::MapAccessDeserializer::new(map))?;
-                Ok(BySingularity {
-                    elbow: given.elbow.unwrap_or(self.0.elbow),
-                    wrist: given.wrist.unwrap_or(self.0.wrist),
-                    overhead: given.overhead.unwrap_or(self.0.overhead),
-                    shoulder: given.shoulder.unwrap_or(self.0.shoulder),
-                    numeric: given.numeric.unwrap_or(self.0.numeric),
-                })
+            fn visit_map<A: MapAccess<'de>>(mut self, mut map: A) -> Result<Self::Value, A::Error> {
+                while let Some((name, value)) = map.next_entry::<Name, f64>()? {
+                    self.0.0[name as usize] = value;
+                }
+                Ok(self.0)
             }
-            fn visit_seq<A: serde::de::SeqAccess<'de>>(
-                self,
-                seq: A,
-            ) -> Result<Self::Value, A::Error> {
-                let [elbow, wrist, overhead] =
-                    Deserialize::deserialize(serde::de::value::SeqAccessDeserializer::new(seq))?;
-                Ok(BySingularity {
-                    elbow,
-                    wrist,
-                    overhead,
-                    ..self.0
-                })
+            fn visit_seq<A: SeqAccess<'de>>(mut self, seq: A) -> Result<Self::Value, A::Error> {
+                let three = <[f64; 3]>::deserialize(SeqAccessDeserializer::new(seq))?;
+                self.0.0[..3].copy_from_slice(&three);
+                Ok(self.0)
             }
         }
         from.deserialize_any(Either(default))
+    }
+}
+
+impl Serialize for BySingularity {
+    fn serialize<S: Serializer>(&self, out: S) -> Result<S::Ok, S::Error> {
+        out.collect_map(self.named())
     }
 }
 

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::analysis::BySingularity;
 use crate::file::{Complaint, positive, require};
+use crate::words::words;
 
 /// The control law and its gains.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -136,45 +137,31 @@ impl Default for HoldAndBlend {
     }
 }
 
-/// The control laws that can be compared.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Strategy {
-    /// The paper's law as one continuous solve (the default).
-    #[default]
-    Blended,
-    /// The paper's law with its own hard switching at η.
-    ChangKhatib,
-    /// Operational-space control that ignores singularities.
-    OperationalSpace,
-    /// Damped least squares (Nakamura & Hanafusa 1986).
-    DampedLeastSquares,
-    /// Truncated singular value decomposition.
-    TruncatedSvd,
-    /// Hold-and-blend, as published for Stanford's SAI.
-    HoldAndBlend,
-    /// PD control in joint space, on top of inverse kinematics.
-    JointPd,
-    /// Posture control in the null space of the pseudo-inverse (Fig. 1).
-    PseudoInverse,
-    /// Posture control in the dynamically consistent null space (Fig. 2).
-    DynamicallyConsistent,
+words! {
+    /// The control laws that can be compared.
+    Strategy {
+        /// The paper's law as one continuous solve (the default).
+        Blended "blended",
+        /// The paper's law with its own hard switching at η.
+        ChangKhatib "chang-khatib",
+        /// Operational-space control that ignores singularities.
+        OperationalSpace "operational-space",
+        /// Damped least squares (Nakamura & Hanafusa 1986).
+        DampedLeastSquares "damped-least-squares",
+        /// Truncated singular value decomposition.
+        TruncatedSvd "truncated-svd",
+        /// Hold-and-blend, as published for Stanford's SAI.
+        HoldAndBlend "hold-and-blend",
+        /// PD control in joint space, on top of inverse kinematics.
+        JointPd "joint-pd",
+        /// Posture control in the null space of the pseudo-inverse (Fig. 1).
+        PseudoInverse "pseudo-inverse",
+        /// Posture control in the dynamically consistent null space (Fig. 2).
+        DynamicallyConsistent "dynamically-consistent",
+    }
 }
 
 impl Strategy {
-    /// Every law, the default first.
-    pub const ALL: [Self; 9] = [
-        Self::Blended,
-        Self::ChangKhatib,
-        Self::OperationalSpace,
-        Self::DampedLeastSquares,
-        Self::TruncatedSvd,
-        Self::HoldAndBlend,
-        Self::JointPd,
-        Self::PseudoInverse,
-        Self::DynamicallyConsistent,
-    ];
-
     /// Whether it is the paper's law, in either form: its auxiliary coordinates drive the arm, their demand slows the clock, and foresight comes from
     /// their formulas. Not so under the laws of others.
     #[must_use]
@@ -187,22 +174,6 @@ impl Strategy {
     #[must_use]
     pub fn follows_paths(self) -> bool {
         !matches!(self, Self::PseudoInverse | Self::DynamicallyConsistent)
-    }
-
-    /// Its name in scenario files.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Blended => "blended",
-            Self::ChangKhatib => "chang-khatib",
-            Self::OperationalSpace => "operational-space",
-            Self::DampedLeastSquares => "damped-least-squares",
-            Self::TruncatedSvd => "truncated-svd",
-            Self::HoldAndBlend => "hold-and-blend",
-            Self::JointPd => "joint-pd",
-            Self::PseudoInverse => "pseudo-inverse",
-            Self::DynamicallyConsistent => "dynamically-consistent",
-        }
     }
 }
 

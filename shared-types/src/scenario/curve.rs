@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::file::{Complaint, require};
+use crate::file::{Complaint, each, require};
 use crate::pose_table;
 
 /// Axes and origin of a curve's numbers.
@@ -137,44 +137,49 @@ pub(super) fn is_near(metres: &f64) -> bool {
     metres.abs() <= 1000.0
 }
 
-/// Whether a quaternion's norm is 1, to 1e-6.
-pub(super) fn is_rotation(quaternion: &[f64; 4]) -> bool {
-    (quaternion.iter().map(|x| x * x).sum::<f64>() - 1.0).abs() <= 1e-6
+/// Refuses a position where there are no arms.
+pub(super) fn check_position(path: &str, position: &[f64; 3]) -> Result<(), Complaint> {
+    require(
+        position.iter().all(is_near),
+        path,
+        "the position is not one of an arm",
+        "three numbers from -1000 to 1000, in metres",
+    )
+}
+
+/// Refuses a quaternion whose norm is not 1, to 1e-6.
+pub(super) fn check_quaternion(path: &str, quaternion: &[f64; 4]) -> Result<(), Complaint> {
+    require(
+        (quaternion.iter().map(|x| x * x).sum::<f64>() - 1.0).abs() <= 1e-6,
+        path,
+        "the quaternion's norm is not 1",
+        "[w, x, y, z] with norm 1, to 1e-6",
+    )
 }
 
 impl Points {
     pub(super) fn check(&self, key: &str, has_corners: bool) -> Result<(), Complaint> {
         let within = |name: &str| format!("{key}.{name}");
-        let (points, turns) = (self.points_m.len(), self.quaternions.len());
+        let points = self.points_m.len();
+        let turns = self.quaternions.len();
         require(
             (1..=10_000).contains(&points),
             within("points_m"),
             format!("there are {points} points"),
             "1 to 10000, each [x, y, z] in metres",
         )?;
-        let far = self
-            .points_m
-            .iter()
-            .position(|point| !point.iter().all(is_near));
-        require(
-            far.is_none(),
-            format!("{key}.points_m.{}", far.unwrap_or(0)),
-            "the position is not one of an arm",
-            "three numbers from -1000 to 1000, in metres",
-        )?;
+        each(&within("points_m"), &self.points_m, |_, point| {
+            check_position("", point)
+        })?;
         require(
             turns == 0 || turns == points,
             within("quaternions"),
             format!("there are {turns} quaternions for {points} points"),
             "one for each point, or none",
         )?;
-        let wrong = self.quaternions.iter().position(|q| !is_rotation(q));
-        require(
-            wrong.is_none(),
-            format!("{key}.quaternions.{}", wrong.unwrap_or(0)),
-            "the quaternion's norm is not 1",
-            "[w, x, y, z] with norm 1, to 1e-6",
-        )?;
+        each(&within("quaternions"), &self.quaternions, |_, one| {
+            check_quaternion("", one)
+        })?;
         require(
             self.blend_m
                 .is_none_or(|blend| has_corners && blend > 0.0 && is_near(&blend)),

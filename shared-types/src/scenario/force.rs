@@ -2,9 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::curve::{Axis, is_near};
+use super::curve::{Axis, check_position, is_near};
 use super::plant::Plant;
-use crate::file::{Complaint, key_within, require};
+use crate::file::{Complaint, each, key_within, require};
 
 /// A force that the hand keeps along one direction while it follows the segment's path in all others.
 ///
@@ -23,7 +23,7 @@ pub struct Force {
     pub stiffness_n_m: f64,
     /// Measured force at which the segment's motion begins; N. Default: when the force has been
     /// within a tenth of `newtons` for 50 ms.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub until_newtons: Option<f64>,
     /// Time in which the set-point rises from 0 to `newtons`; s.
     #[serde(default = "ramp_s")]
@@ -129,11 +129,9 @@ impl Force {
     /// The axes of the moments by themselves, and whether a hand with this face and sensor can keep them.
     fn check_moments(&self, plant: &Plant) -> Result<(), Complaint> {
         const KEY: &str = "force.moments";
-        let mut moments = self.moments.iter().enumerate();
-        moments.try_for_each(|(i, moment)| {
-            let key = format!("force.moments.{i}");
-            check_axis(&format!("{key}.axis"), &moment.axis)?;
-            key_within(&format!("{key}."), "newton_metres", moment.newton_metres, -1e3..=1e3)?;
+        each(KEY, &self.moments, |i, moment| {
+            check_axis("axis", &moment.axis)?;
+            key_within("", "newton_metres", moment.newton_metres, -1e3..=1e3)?;
             let crosses = |other: &Moment| match (moment.direction(), other.direction()) {
                 (Some((a, true)), Some((b, true))) | (Some((a, false)), Some((b, false))) => {
                     (0..3).map(|k| a[k] * b[k]).sum::<f64>().abs() < 1e-6
@@ -142,7 +140,7 @@ impl Force {
             };
             require(
                 self.moments[..i].iter().all(crosses),
-                key,
+                "",
                 "the axes of the moments are not at right angles, or not all in base axes or all in the hand's",
                 "axes such as `tool x` and `tool y`",
             )
@@ -197,7 +195,7 @@ pub struct Surface {
     #[serde(default = "upwards")]
     pub normal: [f64; 3],
     /// Radius of a sphere; m. Without one it is a plane.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub radius_m: Option<f64>,
     /// Stiffness k, of a face that lies on it whole; N/m.
     #[serde(default = "stiffness_n_m")]
@@ -225,12 +223,7 @@ fn friction() -> f64 {
 
 impl Surface {
     pub(super) fn check(&self) -> Result<(), Complaint> {
-        require(
-            self.point_m.iter().all(is_near),
-            "point_m",
-            "the position is not one of an arm",
-            "three numbers from -1000 to 1000, in metres",
-        )?;
+        check_position("point_m", &self.point_m)?;
         require(
             self.normal.iter().all(is_near) && self.normal != [0.0; 3],
             "normal",

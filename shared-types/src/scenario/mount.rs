@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::curve::is_near;
-use crate::file::{Complaint, key_within, require, within};
+use super::curve::{check_position, is_near};
+use crate::file::{Complaint, key_within, require};
 
 /// How the base stands, and what the hand carries.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -64,14 +64,8 @@ pub struct Push {
 
 /// A mass of something that an arm carries.
 fn check_load(key: &str, mass_kg: f64, com_m: &[f64; 3]) -> Result<(), Complaint> {
-    let message = format!("`mass_kg` is {mass_kg}");
-    within(&format!("{key}.mass_kg"), mass_kg, 0.0..=1e4, message)?;
-    require(
-        com_m.iter().all(is_near),
-        format!("{key}.com_m"),
-        "the position is not one of an arm",
-        "three numbers from -1000 to 1000, in metres",
-    )
+    key_within(&format!("{key}."), "mass_kg", mass_kg, 0.0..=1e4)?;
+    check_position(&format!("{key}.com_m"), com_m)
 }
 
 impl Payload {
@@ -103,8 +97,8 @@ impl Mount {
             )?;
         }
         check_load("mount.tool", tool.mass_kg, &tool.com_m)?;
-        let payload = self.payload.as_ref();
-        payload.map_or(Ok(()), |payload| payload.check("mount.payload"))?;
+        let mut payload = self.payload.iter();
+        payload.try_for_each(|payload| payload.check("mount.payload"))?;
         require(
             self.tool.is_none() || !has_frame,
             "mount.tool",
@@ -121,26 +115,25 @@ impl Mount {
 }
 
 impl Push {
-    pub(super) fn check(&self, i: usize) -> Result<(), Complaint> {
+    pub(super) fn check(&self) -> Result<(), Complaint> {
         let Self {
             at_s,
             for_s,
             force_n,
             torque_nm,
         } = self;
-        let prefix = format!("plant.push.{i}.");
         for (key, value) in [("at_s", at_s), ("for_s", for_s)] {
-            key_within(&prefix, key, *value, 0.0..=36_000.0)?;
+            key_within("", key, *value, 0.0..=36_000.0)?;
         }
         require(
             force_n.iter().chain(torque_nm).all(|x| x.abs() <= 1e6),
-            prefix.clone() + "force_n",
+            "force_n",
             "the push is not one of an arm",
             "three numbers each, N and N·m, at most 1e6",
         )?;
         require(
             *for_s > 0.0 && force_n.iter().chain(torque_nm).any(|x| *x != 0.0),
-            prefix + "for_s",
+            "for_s",
             "the push does nothing: it has no force and no torque, or lasts 0 s",
             "give it force_n or torque_nm, and a positive for_s",
         )

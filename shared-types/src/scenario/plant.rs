@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::force::Surface;
 use super::mount::{Payload, Push};
-use crate::file::{Complaint, key_within, positive, require, within};
+use crate::file::{Complaint, each, key_within, positive, require, within};
 
 /// The simulated arm and its surroundings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -153,10 +153,9 @@ impl Plant {
             floor_m,
             ..
         } = self;
-        let load = payload.as_ref();
-        load.map_or(Ok(()), |load| load.check("plant.payload"))?;
-        let mut pushes = push.iter().enumerate();
-        pushes.try_for_each(|(i, push)| push.check(i))?;
+        let mut load = payload.iter();
+        load.try_for_each(|load| load.check("plant.payload"))?;
+        each("plant.push", push, |_, push| push.check())?;
         let message = format!("{substeps} sub-steps");
         within("plant.substeps", f64::from(*substeps), 1.0..=64.0, message)?;
         require(
@@ -182,11 +181,7 @@ impl Plant {
         ] {
             key_within("plant.", key, value, range)?;
         }
-        let mut surfaces = self.surface.iter().enumerate();
-        surfaces.try_for_each(|(i, surface)| {
-            let located = |complaint: Complaint| complaint.within(&format!("plant.surface.{i}"));
-            surface.check().map_err(located)
-        })
+        each("plant.surface", &self.surface, |_, one| one.check())
     }
 }
 

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::file::{Complaint, positive};
+use crate::words::words;
 
 /// Errors within which the goal counts as reached, judged on the simulator's true state.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -49,28 +50,13 @@ pub struct View {
     pub layout: Layout,
 }
 
-/// Layouts of the viewer.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Layout {
-    /// Arm, singularities, errors, torques.
-    #[default]
-    Control,
-    /// Processes, faults and latencies first.
-    Timing,
-}
-
-impl Layout {
-    /// All of them.
-    pub const ALL: [Self; 2] = [Self::Control, Self::Timing];
-
-    /// As written in files.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Control => "control",
-            Self::Timing => "timing",
-        }
+words! {
+    /// Layouts of the viewer.
+    Layout {
+        /// Arm, singularities, errors, torques.
+        Control "control",
+        /// Processes, faults and latencies first.
+        Timing "timing",
     }
 }
 

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::force::stiffness_n_m;
 use crate::codes::TARGET_END;
-use crate::file::{Complaint, key_within, positive, require, within};
+use crate::file::{Complaint, key_within, positive, require};
 use crate::target_file::{self, Row};
 
 /// A steered run: the arm follows targets instead of segments.
@@ -20,13 +20,13 @@ pub struct Servo {
     pub targets: String,
     /// Targets arrive during the run, on the socket in the run's directory. The clock paces the
     /// ticks.
-    #[serde(skip_serializing_if = "is_false")]
+    #[serde(skip_serializing_if = "crate::is_default")]
     pub live: bool,
     /// Longest duration; s. 0: until the last target of the file has expired.
     pub duration_s: f64,
     /// Ticks after which the run ends, wherever the arm is. 0: no such limit. An interrupted
     /// session is saved with the number of ticks that it had.
-    #[serde(skip_serializing_if = "is_zero")]
+    #[serde(skip_serializing_if = "crate::is_default")]
     pub ticks: u64,
     /// Largest speed of the end-effector; m/s.
     pub speed_m_s: f64,
@@ -38,14 +38,6 @@ pub struct Servo {
     pub acceleration_rad_s2: f64,
     /// About the stiffness of the surfaces that targets press on, within a factor of 2; N/m.
     pub stiffness_n_m: f64,
-}
-
-fn is_false(value: &bool) -> bool {
-    !value
-}
-
-fn is_zero(value: &u64) -> bool {
-    *value == 0
 }
 
 impl Default for Servo {
@@ -116,11 +108,10 @@ impl Servo {
             positive(&format!("servo.{name}"), value)?;
         }
         key_within("servo.", "stiffness_n_m", self.stiffness_n_m, 10.0..=1e6)?;
-        let (time, key) = (self.duration_s, "servo.duration_s");
-        within(key, time, 0.0..=36_000.0, format!("`duration_s` is {time}"))?;
+        key_within("servo.", "duration_s", self.duration_s, 0.0..=36_000.0)?;
         if self.targets.is_empty() {
             return require(
-                time > 0.0 || !self.input.is_empty(),
+                self.duration_s > 0.0 || !self.input.is_empty(),
                 "servo",
                 "there are no targets",
                 "give the input file, the targets themselves, or the duration_s of a session with a process of its own",

@@ -2,10 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::curve::{AXES, Arc, Axis, Points, Table, is_near, is_rotation};
+use super::curve::{AXES, Arc, Axis, Points, Table, check_position, check_quaternion};
 use super::force::Force;
 use super::plant::Plant;
-use crate::file::{Complaint, require};
+use crate::file::{Complaint, each, require};
 
 /// The start posture, by exactly one of these keys.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -153,10 +153,12 @@ impl Start {
             "give one of q, q_deg, posture; a setting replaces all of them as start={q_deg = [0, 90]}",
         )?;
         for (name, values) in [("q_deg", q_deg), ("q", q)] {
-            let wrong = values.iter().flatten().position(|value| !value.is_finite());
-            let path = format!("start.{name}.{}", wrong.unwrap_or(0));
-            let message = "a joint position is not a number";
-            require(wrong.is_none(), path, message, "finite numbers")?;
+            let path = format!("start.{name}");
+            let values = values.as_deref();
+            each(&path, values.unwrap_or_default(), |_, value| {
+                let message = "a joint position is not a number";
+                require(value.is_finite(), "", message, "finite numbers")
+            })?;
         }
         Ok(())
     }
@@ -166,7 +168,8 @@ impl Segment {
     /// The posture to which the null space is drawn, if the segment gives one.
     #[must_use]
     pub fn posture(&self) -> Option<Start> {
-        let (q, q_deg) = (self.posture_q.clone(), self.posture_deg.clone());
+        let q = self.posture_q.clone();
+        let q_deg = self.posture_deg.clone();
         let is_given = q.is_some() || q_deg.is_some();
         is_given.then_some(Start {
             q,
@@ -175,25 +178,14 @@ impl Segment {
         })
     }
 
-    pub(super) fn check(&self, i: usize, plant: &Plant) -> Result<(), Complaint> {
-        let located = |complaint: Complaint| match complaint.path.as_str() {
-            "" => Complaint {
-                path: format!("segment.{i}"),
-                ..complaint
-            },
-            _ => complaint.within(&format!("segment.{i}")),
-        };
-        self.check_time()
-            .and_then(|()| self.check_goals())
-            .and_then(|()| self.check_curve())
-            .and_then(|()| self.check_rotation())
-            .and_then(|()| self.check_directions())
-            .and_then(|()| {
-                self.force
-                    .as_ref()
-                    .map_or(Ok(()), |force| force.check(plant))
-            })
-            .map_err(located)
+    /// The path is relative to the segment.
+    pub(super) fn check(&self, plant: &Plant) -> Result<(), Complaint> {
+        self.check_time()?;
+        self.check_goals()?;
+        self.check_curve()?;
+        self.check_rotation()?;
+        self.check_directions()?;
+        self.force.iter().try_for_each(|force| force.check(plant))
     }
 
     /// Gives a segment whose table has been read, and which states no duration, that of the table.
@@ -283,12 +275,11 @@ impl Segment {
         let curves = [("waypoints", waypoints), ("spline", spline)];
         for (key, points) in curves {
             let has_corners = key == "waypoints";
-            points
-                .as_ref()
-                .map_or(Ok(()), |points| points.check(key, has_corners))?;
+            let mut points = points.iter();
+            points.try_for_each(|points| points.check(key, has_corners))?;
         }
-        arc.as_ref().map_or(Ok(()), Arc::check)?;
-        table.as_ref().map_or(Ok(()), Table::check)
+        arc.iter().try_for_each(Arc::check)?;
+        table.iter().try_for_each(Table::check)
     }
 
     /// At most one goal of each kind; the path is relative to the segment.
@@ -329,12 +320,8 @@ impl Segment {
             "degrees",
         )?;
         for (key, position) in [("to_m", &self.to_m), ("by_m", &self.by_m)] {
-            require(
-                position.iter().flatten().all(is_near),
-                key,
-                "the position is not one of an arm",
-                "three numbers from -1000 to 1000, in metres",
-            )?;
+            let mut position = position.iter();
+            position.try_for_each(|position| check_position(key, position))?;
         }
         require(
             (-1..=1).contains(&self.branch),
@@ -360,12 +347,8 @@ impl Segment {
                 "orthonormal rows, determinant +1, to 1e-6",
             )?;
         }
-        require(
-            self.quaternion.as_ref().is_none_or(is_rotation),
-            "quaternion",
-            "the quaternion's norm is not 1",
-            "[w, x, y, z] with norm 1, to 1e-6",
-        )
+        let mut quaternion = self.quaternion.iter();
+        quaternion.try_for_each(|one| check_quaternion("quaternion", one))
     }
 
     fn check_directions(&self) -> Result<(), Complaint> {

@@ -2,7 +2,7 @@
 
 use bytemuck::Pod;
 use process::Packed;
-use shared_types::wire::{Field, Stamps};
+use shared_types::wire::{Field, Part, Stamps};
 use shared_types::{Layout, SingularityState, TargetContent};
 
 /// Fills messages from bytes, and with zeros where they end.
@@ -29,9 +29,9 @@ pub(super) fn numbers<M: Layout>() -> Vec<usize> {
             let at = begin + field.offset;
             if field.type_name.contains("SingularityState") {
                 let each = (at..at + field.size).step_by(size_of::<SingularityState>());
-                each.for_each(|begin| of(SingularityState::LAYOUT, begin, found));
+                each.for_each(|begin| of(SingularityState::FIELDS, begin, found));
             } else if field.type_name.contains("TargetContent") {
-                of(TargetContent::LAYOUT, at, found);
+                of(TargetContent::FIELDS, at, found);
             } else if field.type_name.contains("f64") {
                 found.extend((at..at + field.size).step_by(8));
             }

@@ -169,7 +169,8 @@ impl Differences {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_types::{Layout, Message, SingularityReport, TorqueCommand};
+    use shared_types::wire::Part;
+    use shared_types::{Message, SingularityReport, TorqueCommand};
 
     fn first<M: Message>(expected: &M, found: &M) -> Option<[String; 3]> {
         let [expected, found] = [expected, found].map(bytemuck::bytes_of);

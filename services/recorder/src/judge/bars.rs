@@ -64,7 +64,9 @@ pub(super) fn judge(
     (is_over, is_done): (bool, bool),
     dt_s: f64,
 ) {
-    let (goal, s1, s2) = (Goal::default(), Bounds::s1(), Bounds::s2());
+    let goal = Goal::default();
+    let s1 = Bounds::s1();
+    let s2 = Bounds::s2();
     let saturated_s = joints.saturated_ticks as f64 * dt_s;
     let is_at_goal = within(task.final_position_mm, goal.position_mm)
         && within(task.final_orientation_deg, goal.orientation_deg);

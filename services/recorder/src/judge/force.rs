@@ -88,7 +88,8 @@ impl ForceMeter {
     /// Whether the force has come about since it was asked for: the time before that is a target's approach. From then on its set-point changes in the time of its ramp.
     fn is_reached(&mut self, contact: &Contact, dt_s: f64) -> bool {
         let leg = &mut self.leg;
-        (leg.asked_s, leg.e) = (leg.asked_s + dt_s, contact.e);
+        leg.asked_s += dt_s;
+        leg.e = contact.e;
         let (share, long_s) = Contact::REACHED;
         if leg.reached_s < long_s {
             let off = (contact.pressed_n - contact.newtons).abs();
@@ -192,7 +193,9 @@ pub(super) fn unkept(force: &ForceSummary, goal: &Goal) -> Option<String> {
         let ticks = force.lift_off_ticks;
         return Some(format!("the hand lost its contact for {ticks} ticks"));
     }
-    let (rms_n, newtons, bound) = (force.rms_n, force.newtons, goal.force_n);
+    let rms_n = force.rms_n;
+    let newtons = force.newtons;
+    let bound = goal.force_n;
     if force.ticks == 0 || force.unreached > 0 {
         return Some(format!("a force of up to {newtons} N did not come about"));
     }
@@ -201,7 +204,8 @@ pub(super) fn unkept(force: &ForceSummary, goal: &Goal) -> Option<String> {
             "force of {newtons} N off by {rms_n:.3} N (root mean square), allowed {bound} N"
         ));
     }
-    let (off, bound) = (force.moment_rms_nm?, goal.moment_nm);
+    let off = force.moment_rms_nm?;
+    let bound = goal.moment_nm;
     (!within(off, bound))
         .then(|| format!("moments off by {off:.3} N·m (root mean square), allowed {bound} N·m"))
 }
@@ -209,6 +213,18 @@ pub(super) fn unkept(force: &ForceSummary, goal: &Goal) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn contact(newtons: f64, pressed_n: f64) -> Contact {
+        Contact {
+            newtons,
+            ramp_s: 0.3,
+            e: Vector3::z(),
+            pressed_n,
+            across_mm: 0.0,
+            borne: 0.0,
+            moment_off_nm: None,
+        }
+    }
 
     #[test]
     fn the_approach_is_its_own_and_a_hand_in_the_air_is_counted() {
@@ -218,13 +234,9 @@ mod tests {
         };
         let mut tick = |pressed_n, moves: bool, touches| {
             let contact = Contact {
-                newtons: 10.0,
-                ramp_s: 0.3,
-                e: Vector3::z(),
-                pressed_n,
                 across_mm: 0.3,
-                borne: 0.0,
                 moment_off_nm: moves.then_some(0.2),
+                ..contact(10.0, pressed_n)
             };
             meter.take(&contact, moves, touches);
         };
@@ -266,15 +278,7 @@ mod tests {
         };
         let mut most_n = Vec::new();
         let mut tick = |leg, newtons, pressed_n: f64| {
-            let contact = Contact {
-                newtons,
-                ramp_s: 0.3,
-                e: Vector3::z(),
-                pressed_n,
-                across_mm: 0.0,
-                borne: 0.0,
-                moment_off_nm: None,
-            };
+            let contact = contact(newtons, pressed_n);
             let force = (newtons > 0.0).then_some(&contact);
             meter.reach(leg, force, pressed_n > 0.0);
             if newtons > 0.0 {
@@ -300,13 +304,8 @@ mod tests {
         let mut meter = ForceMeter::default();
         let mut tick = |newtons, pressed_n, e: Vector3<f64>| {
             let contact = Contact {
-                newtons,
-                ramp_s: 0.3,
                 e,
-                pressed_n,
-                across_mm: 0.0,
-                borne: 0.0,
-                moment_off_nm: None,
+                ..contact(newtons, pressed_n)
             };
             if contact.is_away_from(&meter.leg.e) {
                 meter.reach(meter.leg.index + 1, Some(&contact), true);

@@ -135,11 +135,8 @@ impl JointMeter {
         let stops = beyond.fold(tick.truth.limit_mask, |stops, i| stops | 1 << i);
         let k = tick.truth.header.tick;
         if tick.truth.drive != DRIVE_ACTIVE && k > 0 {
-            let first = self
-                .last_tau
-                .as_ref()
-                .map_or(k, |_| self.last_tick + 1)
-                .min(k);
+            let after_last = self.last_tau.as_ref().map_or(k, |_| self.last_tick + 1);
+            let first = after_last.min(k);
             self.braked.get_or_insert([first, 0])[1] += k + 1 - first;
         }
         self.last_tick = k;
@@ -159,7 +156,8 @@ impl JointMeter {
         match tick.control.refusal {
             REFUSAL_LIMIT => {
                 let room = |i: usize| {
-                    let (q, qdot) = (tick.truth.q[i], tick.truth.qdot[i]);
+                    let q = tick.truth.q[i];
+                    let qdot = tick.truth.qdot[i];
                     if qdot > 0.0 {
                         (self.limits.upper[i] - q, self.limits.upper[i])
                     } else {
@@ -168,7 +166,8 @@ impl JointMeter {
                 };
                 let joint = (0..self.count()).min_by(|a, b| room(*a).0.total_cmp(&room(*b).0))?;
                 let (left, limit) = room(joint);
-                let (name, kind) = (&self.limits.names[joint], self.limits.kinds[joint]);
+                let name = &self.limits.names[joint];
+                let kind = self.limits.kinds[joint];
                 let [unit, _] = kind.units();
                 Some(format!(
                     "{name} was {:.2}{unit} from its limit of {:.1}{unit} at tick {k}",
@@ -266,12 +265,9 @@ impl JointMeter {
             "lower stop"
         };
         let cut = tick.truth.saturation_mask & bit != 0;
-        let (by_speed, by_rate) = (
-            tick.truth.drive_flags & DRIVE_SPEED != 0,
-            tick.truth.drive_flags & DRIVE_RATE != 0,
-        );
-        let is_at_effort = !within(share(tick.truth.tau[i], self.limits.effort[i]), 1.0 - 1e-9)
-            || !(by_speed || by_rate);
+        let [by_speed, by_rate] =
+            [DRIVE_SPEED, DRIVE_RATE].map(|flag| tick.truth.drive_flags & flag != 0);
+        let is_at_effort = self.limits.is_reached(i, tick.truth.tau[i]) || !(by_speed || by_rate);
         for (is_reached, limit) in [
             (stops & bit != 0, stop),
             (is_fast, "speed"),
@@ -283,12 +279,8 @@ impl JointMeter {
                 continue;
             }
             let joint = &self.limits.names[i];
-            if let Some(known) = self
-                .summary
-                .limits
-                .iter_mut()
-                .find(|known| known.joint == *joint && known.limit == limit)
-            {
+            let mut known = self.summary.limits.iter_mut();
+            if let Some(known) = known.find(|one| one.joint == *joint && one.limit == limit) {
                 known.ticks += 1;
                 continue;
             }
@@ -361,10 +353,8 @@ impl JointMeter {
         let steps = self.torque_steps;
         if !steps.is_empty() {
             let ratio = |quantile| steps.value_at_quantile(quantile) as f64 / STEP_UNIT;
-            (
-                self.summary.torque_step_p95_ratio,
-                self.summary.torque_step_p99_ratio,
-            ) = (ratio(0.95), ratio(0.99));
+            self.summary.torque_step_p95_ratio = ratio(0.95);
+            self.summary.torque_step_p99_ratio = ratio(0.99);
         }
         self.summary
     }

@@ -5,6 +5,7 @@ use control::{Asked, GroundTruth, Progress, SIDE_CHANGE};
 use nalgebra::{Vector3, Vector6};
 use shared_types::PlantState;
 use shared_types::bounds::within;
+use shared_types::scenario::Scenario;
 
 /// Path time that a controller may be short of the end by rounding, s.
 const ROUNDING_S: f64 = 1e-6;
@@ -18,36 +19,34 @@ const MOST_UNSEEN: f64 = 0.25;
 pub(super) struct PathMeter {
     place: Option<Progress>,
     clock: PathClock,
-    /// The rate of ticks, 1/s, and how long the arm may settle at the path's end, s.
-    rate_hz: f64,
-    settle_s: f64,
     /// The tick in which the path's end was reached.
     ended: Option<u64>,
     posture: PostureMeter,
 }
 
 impl PathMeter {
-    /// At the path's start; in a steered run there is none. `settle_s`: how long the arm is to settle at its end.
-    pub(super) fn new(truth: &dyn GroundTruth, rate_hz: f64, settle_s: f64) -> Self {
+    /// At the path's start; in a steered run there is none.
+    pub(super) fn new(truth: &dyn GroundTruth) -> Self {
         Self {
             place: truth.start(),
-            rate_hz,
-            settle_s,
             ..Self::default()
         }
     }
 
     /// The true pose's error against the path at the time that the controller states, `[p_d − p; log(R_d Rᵀ)]`; m, rad.
-    /// `None`: there is no path.
+    /// `None`: there is no path. `dt_s`: length of a tick.
     pub(super) fn error(
         &mut self,
         truth: &dyn GroundTruth,
         path_time_s: f64,
         state: &PlantState,
+        dt_s: f64,
     ) -> Option<Vector6<f64>> {
-        let (place, tick) = (self.place.as_mut()?, state.header.tick);
-        let by_s = self.clock.take(tick, path_time_s, 1.0 / self.rate_hz);
-        let (before, had_begun) = (place.leg, place.begun);
+        let place = self.place.as_mut()?;
+        let tick = state.header.tick;
+        let by_s = self.clock.take(tick, path_time_s, dt_s);
+        let before = place.leg;
+        let had_begun = place.begun;
         truth.advance(place, by_s);
         for leg in before..place.leg {
             self.posture.end(leg, truth.asked(leg));
@@ -77,9 +76,15 @@ impl PathMeter {
 
     /// Violations of the clock's rules by the controller; `is_done`: it has reported the end of its
     /// task.
-    pub(super) fn breach(&self, truth: &dyn GroundTruth, is_done: bool) -> Option<String> {
+    pub(super) fn breach(
+        &self,
+        truth: &dyn GroundTruth,
+        scenario: &Scenario,
+        is_done: bool,
+    ) -> Option<String> {
         self.place.as_ref()?;
-        let (came_s, all_s) = (self.clock.time_s, truth.duration_s());
+        let came_s = self.clock.time_s;
+        let all_s = truth.duration_s();
         if let Some((tick, from_s, to_s)) = self.clock.breach {
             return Some(format!(
                 "the controller moved the path's time from {from_s:.3} s to {to_s:.3} s by tick {tick}: it may only run on, at most as fast as the run"
@@ -100,17 +105,13 @@ impl PathMeter {
             ));
         }
         // The tick of the end and the one in which it is said may round.
-        let settled = self
-            .clock
-            .last
-            .zip(self.ended)
-            .map_or(0, |(last, ended)| last - ended)
-            + 2;
-        let settled_s = settled as f64 / self.rate_hz;
-        (is_done && settled_s < self.settle_s).then(|| {
+        let last = self.clock.last.zip(self.ended);
+        let settled = last.map_or(0, |(last, ended)| last - ended) + 2;
+        let settled_s = settled as f64 / f64::from(scenario.rate_hz);
+        let settle_s = scenario.settle_s;
+        (is_done && settled_s < settle_s).then(|| {
             format!(
-                "the controller ended {settled_s:.3} s after the path did: the arm was to settle for {} s (settle_s)",
-                self.settle_s
+                "the controller ended {settled_s:.3} s after the path did: the arm was to settle for {settle_s} s (settle_s)"
             )
         })
     }

@@ -115,10 +115,12 @@ impl Watched {
     }
 
     fn measure(&mut self, singularity: &SingularityState) {
-        let (summary, inside) = (&mut self.summary, singularity.inside != 0);
+        let summary = &mut self.summary;
+        let inside = singularity.inside != 0;
         summary.s_min = smaller(summary.s_min, singularity.s.abs());
         codes::name_of(codes::TYPES, singularity.class).clone_into(&mut summary.class);
-        (summary.kappa_1, summary.kappa_2) = (singularity.kappa_1, singularity.kappa_2);
+        summary.kappa_1 = singularity.kappa_1;
+        summary.kappa_2 = singularity.kappa_2;
         if inside {
             let (linear, angular) = halves(&singularity.zeta_B);
             let zeta = match singularity.angular {
@@ -139,7 +141,8 @@ impl Watched {
 
     /// A hold whose error along the singular directions is beyond the goal's final bounds.
     fn hold(&mut self, tick: u64, error: &TaskError, goal: &Goal, events: &mut impl FnMut(String)) {
-        let (mm, deg) = (error.position[2], error.orientation[2]);
+        let mm = error.position[2];
+        let deg = error.orientation[2];
         let is_cheap = within(mm, goal.position_mm) && within(deg, goal.orientation_deg);
         self.left = (self.inside && !is_cheap).then_some([mm, deg]);
         let is_held = [MODE_HOLD, MODE_SLIDE].contains(&self.mode) && !is_cheap;

@@ -3,67 +3,62 @@
 use std::collections::BTreeMap;
 
 use shared_types::ServoState;
-use shared_types::codes::{REFUSALS, TARGET_REFUSALS, name_of, reason_text};
+use shared_types::codes::{Named, REFUSALS, TARGET_REFUSALS, name_of, reason_text};
 use shared_types::summary::ServoSummary;
 
 /// Counts ticks by reason, and events by the controller's own counters.
 #[derive(Debug, Default)]
 pub(super) struct SteeredMeter {
     /// By `ServoState`'s `[reason, joint, upper]`.
-    ticks: Vec<([u32; 3], u64)>,
-    refused: u32,
-    by_refusal: Vec<(u32, u64)>,
-    stops: u32,
-    by_stop: Vec<(u32, u64)>,
+    ticks: BTreeMap<[u32; 3], u64>,
+    refused: Events,
+    stops: Events,
+}
+
+/// Events by their codes.
+#[derive(Debug, Default)]
+struct Events {
+    so_far: u32,
+    by_code: BTreeMap<u32, u64>,
+}
+
+impl Events {
+    /// Takes in how many there have been; the new ones have this code, because the controller takes in one target at a tick.
+    fn take(&mut self, so_far: u32, code: u32) {
+        let more = so_far.saturating_sub(self.so_far);
+        self.so_far = so_far;
+        if more > 0 {
+            *self.by_code.entry(code).or_default() += u64::from(more);
+        }
+    }
+
+    fn named(self, names: &[Named]) -> BTreeMap<String, u64> {
+        let counts = self.by_code.into_iter();
+        let named = |(code, count)| (name_of(names, code).to_owned(), count);
+        counts.map(named).collect()
+    }
 }
 
 impl SteeredMeter {
     pub(super) fn tick(&mut self, state: &ServoState) {
-        count(&mut self.ticks, [state.reason, state.joint, state.upper], 1);
-        // The controller takes in one target at a tick.
-        count(
-            &mut self.by_refusal,
-            state.refusal,
-            state.refused.saturating_sub(self.refused),
-        );
-        count(
-            &mut self.by_stop,
-            state.stop,
-            state.stops.saturating_sub(self.stops),
-        );
-        (self.refused, self.stops) = (state.refused, state.stops);
+        let reason = [state.reason, state.joint, state.upper];
+        *self.ticks.entry(reason).or_default() += 1;
+        self.refused.take(state.refused, state.refusal);
+        self.stops.take(state.stops, state.stop);
     }
 
     /// The summary at so many ticks per second; `None` of a run that was not steered.
     pub(super) fn finish(self, rate_hz: f64) -> Option<ServoSummary> {
-        let named = |counts: Vec<(u32, u64)>, names| {
-            counts
-                .into_iter()
-                .map(|(code, count)| (name_of(names, code).to_owned(), count))
-                .collect()
-        };
-        let seconds = |&([reason, joint, upper], ticks): &([u32; 3], u64)| {
-            (
-                reason_text(reason, joint, upper).to_string(),
-                ticks as f64 / rate_hz,
-            )
-        };
+        let seconds = self.ticks.iter().map(|(&[reason, joint, upper], ticks)| {
+            let text = reason_text(reason, joint, upper).to_string();
+            (text, *ticks as f64 / rate_hz)
+        });
         (!self.ticks.is_empty()).then(|| ServoSummary {
-            seconds: self.ticks.iter().map(seconds).collect::<BTreeMap<_, _>>(),
-            refused: named(self.by_refusal, TARGET_REFUSALS),
-            stops: named(self.by_stop, REFUSALS),
+            seconds: seconds.collect(),
+            refused: self.refused.named(TARGET_REFUSALS),
+            stops: self.stops.named(REFUSALS),
             after_end: 0,
         })
-    }
-}
-
-fn count<K: PartialEq>(counts: &mut Vec<(K, u64)>, key: K, more: u32) {
-    if more == 0 {
-        return;
-    }
-    match counts.iter_mut().find(|(known, _)| *known == key) {
-        Some((_, count)) => *count += u64::from(more),
-        None => counts.push((key, u64::from(more))),
     }
 }
 

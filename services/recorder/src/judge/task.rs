@@ -31,7 +31,8 @@ impl TaskError {
     pub fn split(truth: &dyn GroundTruth, error: &Vector6<f64>) -> Self {
         let across = truth.orthogonal(error);
         let split = |at: usize, unit: f64| {
-            let (whole, across) = (error.fixed_rows::<3>(at), across.fixed_rows::<3>(at));
+            let whole = error.fixed_rows::<3>(at);
+            let across = across.fixed_rows::<3>(at);
             [whole.norm(), across.norm(), (whole - across).norm()].map(|norm| norm * unit)
         };
         Self {
@@ -44,7 +45,8 @@ impl TaskError {
 /// The error against the controller's own reference on the task axes `served` alone (x, y, z, rx, ry, rz of the base), of
 /// a steered run, whose targets become a reference in the controller; m, rad.
 pub(super) fn against_reference(tick: &Tick<'_>, served: &[bool; 6]) -> Vector6<f64> {
-    let (truth, command) = (tick.truth, tick.control);
+    let truth = tick.truth;
+    let command = tick.control;
     let position = Vector3::from(command.p_BE_d) - Vector3::from(truth.p_BE);
     let turn = matrix(&command.R_BE_d) * matrix(&truth.R_BE).transpose();
     let orientation = model::rotation_log(&turn);
@@ -93,7 +95,8 @@ impl TaskMeter {
         }
         task.along_max_mm = larger(task.along_max_mm, along_mm);
         task.along_max_deg = larger(task.along_max_deg, along_deg);
-        (task.final_position_mm, task.final_orientation_deg) = (mm, deg);
+        task.final_position_mm = mm;
+        task.final_orientation_deg = deg;
         self.position_square_sum += mm * mm;
         self.ticks += 1;
     }
@@ -110,7 +113,8 @@ impl TaskMeter {
         let state = tick.truth;
         self.force.tick(tick, truth, place, error, dt_s);
         let force_n = Vector3::from(state.contact_force_n).norm();
-        let (most_n, task) = (self.force.most_n(), &mut self.summary);
+        let most_n = self.force.most_n();
+        let task = &mut self.summary;
         // A NaN is no force that was asked for.
         let is_asked = most_n > 0.0 && force_n <= most_n;
         if state.contacts > 0 && !is_asked {
@@ -127,9 +131,10 @@ impl TaskMeter {
             contact_max_n,
             ..
         } = self.summary;
-        let what = match self.force.has_begun {
-            true => "the arm pressed more than twice as hard as asked, or on something else,",
-            false => "the arm touched the floor, a surface or itself",
+        let what = if self.force.has_begun {
+            "the arm pressed more than twice as hard as asked, or on something else,"
+        } else {
+            "the arm touched the floor, a surface or itself"
         };
         self.contact_since.map(|since| {
             format!("{what} for {contact_ticks} ticks from tick {since} on, with up to {contact_max_n:.0} N")

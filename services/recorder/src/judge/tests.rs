@@ -4,13 +4,12 @@ use control::centre::PoseMotion;
 use control::{Asked, Contact, GroundTruth, Progress};
 use nalgebra::Vector6;
 use shared_types::codes;
-use shared_types::scenario::Goal;
+use shared_types::scenario::Scenario;
 use shared_types::summary::{BOUNDARY, MISSED, REACHED, Summary};
 use shared_types::topics::{ByTopic, Whole};
 use shared_types::{PlantState, SingularityReport, SingularityState, TargetContent};
 
-use super::latency::Span;
-use super::{Judge, Limits, Tick, Wanted};
+use super::{Judge, Limits, Tick};
 
 const IDENTITY: [f64; 9] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
 
@@ -80,15 +79,9 @@ impl GroundTruth for Reported {
 }
 
 /// The usual goal, at 1000 ticks per second.
-fn asked(planned_ticks: f64) -> Wanted {
-    Wanted {
-        goal: Goal::default(),
-        planned_ticks,
-        rate_hz: 1000.0,
-        k_v: 1.0,
-        session_ticks: None,
-        unasked: None,
-    }
+fn scenario() -> Scenario {
+    let text = "name = 'x'\nrobot = 'x'\nstart.posture = 'x'\nsegment = [{duration_s = 1.0}]";
+    Scenario::parse("x.toml", text, &[]).unwrap()
 }
 
 fn limits() -> Limits {
@@ -105,14 +98,12 @@ fn limits() -> Limits {
 }
 
 fn judged(ticks: u64, shape: impl Fn(u64, &mut ByTopic<Whole>)) -> Summary {
-    let mut judge = Judge::of(Reported::truth(), limits(), asked(ticks as f64));
+    let mut judge = Judge::of(Reported::truth(), limits(), scenario());
     for k in 0..ticks {
         let mut m = upright(k);
-        m.torque.phase = if k + 1 == ticks {
-            codes::PHASE_DONE
-        } else {
-            codes::PHASE_RUNNING
-        };
+        if k + 1 == ticks {
+            m.torque.phase = codes::PHASE_DONE;
+        }
         shape(k, &mut m);
         judge.take(&m.lent());
     }
@@ -122,7 +113,8 @@ fn judged(ticks: u64, shape: impl Fn(u64, &mut ByTopic<Whole>)) -> Summary {
 /// A tick of an arm whose end-effector has the base's orientation, as desired.
 fn upright(tick: u64) -> ByTopic<Whole> {
     let mut m = ByTopic::<Whole>::default();
-    (m.plant_state.R_BE, m.control_state.R_BE_d) = (IDENTITY, IDENTITY);
+    m.plant_state.R_BE = IDENTITY;
+    m.control_state.R_BE_d = IDENTITY;
     (m.sensor.header.tick, m.plant_state.header.tick) = (tick, tick);
     (m.control_state.header.tick, m.torque.header.tick) = (tick, tick);
     m
@@ -132,7 +124,11 @@ fn upright(tick: u64) -> ByTopic<Whole> {
 #[test]
 fn an_error_is_judged_where_it_lies() {
     let end = |x: f64| {
-        move |k: u64, m: &mut ByTopic<Whole>| m.plant_state.p_BE[0] = if k == 9 { x } else { 0.0 }
+        move |k: u64, m: &mut ByTopic<Whole>| {
+            if k == 9 {
+                m.plant_state.p_BE[0] = x;
+            }
+        }
     };
     let verdict = judged(10, end(0.0));
     assert_eq!(
@@ -146,7 +142,9 @@ fn an_error_is_judged_where_it_lies() {
     let verdict = judged(10, |k, m| {
         near(m, 0);
         m.control_state.mode[0] = codes::MODE_TRACK;
-        m.plant_state.p_BE[0] = if k == 4 { 5e-3 } else { 0.0 };
+        if k == 4 {
+            m.plant_state.p_BE[0] = 5e-3;
+        }
     });
     assert!(verdict.task.position_max_mm > 4.9 && verdict.task.orthogonal_max_mm < 1e-12);
     assert_eq!(verdict.outcome, REACHED);
@@ -179,7 +177,9 @@ fn an_error_is_judged_where_it_lies() {
 fn near(m: &mut ByTopic<Whole>, kind: u32) {
     m.singularity.count = 1;
     let one = &mut m.singularity.singularities[0];
-    (one.kind, one.inside, one.zeta_B[0]) = (kind, 1, 1.0);
+    one.kind = kind;
+    one.inside = 1;
+    one.zeta_B[0] = 1.0;
 }
 
 #[test]
@@ -188,7 +188,8 @@ fn the_angle_through_which_zeta_turns_is_measured_from_the_entry() {
         near(m, codes::KIND_WRIST);
         let zeta = &mut m.singularity.singularities[0];
         let (sin, cos) = (k as f64).to_radians().sin_cos();
-        (zeta.angular, zeta.zeta_B) = (1, [0.0, 0.0, 0.0, cos, sin, 0.0]);
+        zeta.angular = 1;
+        zeta.zeta_B = [0.0, 0.0, 0.0, cos, sin, 0.0];
     });
     let wrist = &verdict.singularities[0];
     assert!((wrist.zeta_turned_deg - 90.0).abs() < 1e-9);
@@ -198,16 +199,15 @@ fn the_angle_through_which_zeta_turns_is_measured_from_the_entry() {
 #[test]
 fn a_switch_puts_in_the_power_that_jumps() {
     let verdict = judged(20, |k, m| {
-        let is_late = k >= 10;
         m.singularity.count = 1;
-        m.control_state.mode[0] = if is_late {
-            codes::MODE_TRACK
-        } else {
-            codes::MODE_REGULAR
-        };
         // 4 N·m at 0.5 rad/s against 1 N·m at 1 rad/s: 1 W for 25 ms.
-        (m.torque.tau[0], m.torque.tau[1]) = if is_late { (4.0, -1.0) } else { (0.0, 0.0) };
-        (m.plant_state.qdot[0], m.plant_state.qdot[1]) = (0.5, 1.0);
+        if k >= 10 {
+            m.control_state.mode[0] = codes::MODE_TRACK;
+            m.torque.tau[0] = 4.0;
+            m.torque.tau[1] = -1.0;
+        }
+        m.plant_state.qdot[0] = 0.5;
+        m.plant_state.qdot[1] = 1.0;
     });
     assert_eq!(verdict.joints.switches, 1);
     assert!((verdict.joints.switch_energy_j - 0.025).abs() < 1e-12);
@@ -222,7 +222,9 @@ fn a_turn_is_followed_from_its_announcement_to_its_end() {
             m.singularity.singularities[1].kind = codes::KIND_WRIST;
             if (10..20).contains(&k) && !silent.contains(&k) {
                 let state = &mut m.control_state;
-                (state.planned, state.planned_s, state.planned_dq[3]) = (2, 0.009, 1.5);
+                state.planned = 2;
+                state.planned_s = 0.009;
+                state.planned_dq[3] = 1.5;
             }
             m.plant_state.q[3] = 0.1 * k.clamp(10, 20) as f64;
         });
@@ -263,8 +265,10 @@ fn loads_are_ratios_and_steps_have_a_tail() {
 fn latencies_come_from_the_stamps_and_an_unfinished_run_is_stopped() {
     let verdict = judged(10, |k, m| {
         let start = 1_000_000 * (k + 1);
-        let (sensor, torque) = (&mut m.sensor.header.stamps, &mut m.torque.header.stamps);
-        (sensor.sent_ns[0], sensor.received_ns[0]) = (start, start - 900_000);
+        let sensor = &mut m.sensor.header.stamps;
+        let torque = &mut m.torque.header.stamps;
+        sensor.sent_ns[0] = start;
+        sensor.received_ns[0] = start - 900_000;
         torque.sent_ns[..2].copy_from_slice(&[start, start + 5_000]);
         torque.received_ns[1] = start + 2_000;
         m.torque.phase = codes::PHASE_RUNNING;
@@ -282,12 +286,10 @@ fn latencies_come_from_the_stamps_and_an_unfinished_run_is_stopped() {
 fn on_a_grid_latencies_count_from_the_due_time_and_skipped_points_count_too() {
     const MS: u64 = 1_000_000;
     // Due at 10, 11, then 14 ms: the second tick took until 13.5 ms. It began 0.2 ms late. The third torque never came.
-    let (due, sent, received) = (
-        [10, 11, 14, 15].map(|ms| ms * MS),
-        [10_000, 11_200, 14_000, 15_000],
-        [0, 10_500, 13_500, 13_500],
-    );
-    let mut judge = Judge::of(Reported::truth(), limits(), asked(4.0)).on_grid(MS);
+    let due = [10, 11, 14, 15].map(|ms| ms * MS);
+    let sent = [10_000, 11_200, 14_000, 15_000];
+    let received = [0, 10_500, 13_500, 13_500];
+    let mut judge = Judge::of(Reported::truth(), limits(), scenario()).on_grid(MS);
     for k in 0..4 {
         let mut m = upright(k as u64);
         let stamps = &mut m.sensor.header.stamps;
@@ -297,7 +299,7 @@ fn on_a_grid_latencies_count_from_the_due_time_and_skipped_points_count_too() {
     }
     let mut chain: Vec<f64> = judge
         .latency
-        .of(Span::Chain)
+        .chain
         .iter_recorded()
         .map(|bucket| bucket.value_iterated_to() as f64 / MS as f64)
         .collect();
@@ -324,19 +326,25 @@ fn on_a_grid_latencies_count_from_the_due_time_and_skipped_points_count_too() {
 fn nan_misses_the_goal() {
     for at in [4, 9] {
         let verdict = judged(10, |k, m| {
-            m.plant_state.p_BE[0] = if k == at { f64::NAN } else { 0.0 }
+            if k == at {
+                m.plant_state.p_BE[0] = f64::NAN;
+            }
         });
         assert_eq!(verdict.outcome, MISSED, "{}", verdict.reason);
         assert!(verdict.task.position_max_mm.is_nan() && verdict.task.orthogonal_max_mm.is_nan());
     }
     let verdict = judged(10, |k, m| {
-        m.control_state.R_BE_d[0] = if k == 9 { f64::NAN } else { 1.0 }
+        if k == 9 {
+            m.control_state.R_BE_d[0] = f64::NAN;
+        }
     });
     assert_eq!(verdict.outcome, MISSED);
     assert!(verdict.task.final_orientation_deg.is_nan());
     let verdict = judged(10, |k, m| {
-        let x = if k == 3 { f64::NAN } else { 0.0 };
-        (m.plant_state.qdot[1], m.torque.tau[2]) = (x, x);
+        if k == 3 {
+            m.plant_state.qdot[1] = f64::NAN;
+            m.torque.tau[2] = f64::NAN;
+        }
     });
     let joints = &verdict.joints;
     assert!(
@@ -355,12 +363,13 @@ fn nan_misses_the_goal() {
 
 #[test]
 fn every_limit_is_in_the_summary_and_in_the_events() {
-    let mut judge = Judge::of(Reported::truth(), limits(), asked(10.0));
+    let mut judge = Judge::of(Reported::truth(), limits(), scenario());
     for k in 0..10 {
         let mut m = upright(k);
         m.torque.phase = codes::PHASE_DONE;
         if (3..7).contains(&k) {
-            (m.plant_state.limit_mask, m.plant_state.q[3]) = (1 << 3, -1.0);
+            m.plant_state.limit_mask = 1 << 3;
+            m.plant_state.q[3] = -1.0;
             m.plant_state.qdot[1] = 2.1;
             m.torque.tau[5] = limits().effort[5];
         }
@@ -450,7 +459,9 @@ fn a_path_beyond_reach_is_followed_to_the_boundary() {
     for at in [4..7, 4..10] {
         let verdict = judged(10, |k, m| {
             near(m, codes::KIND_ELBOW);
-            m.plant_state.p_BE[0] = if at.contains(&k) { 0.024 } else { 0.0 };
+            if at.contains(&k) {
+                m.plant_state.p_BE[0] = 0.024;
+            }
         });
         assert_eq!(
             (verdict.outcome.as_str(), verdict.task.beyond_ticks),
@@ -466,11 +477,9 @@ fn a_path_beyond_reach_is_followed_to_the_boundary() {
 fn drives_that_take_over_are_named() {
     for (stopping, is_named) in [(3..7, true), (0..1, false)] {
         let verdict = judged(10, move |k, m| {
-            m.plant_state.drive = if stopping.contains(&k) {
-                codes::DRIVE_STOPPING
-            } else {
-                codes::DRIVE_ACTIVE
-            };
+            if stopping.contains(&k) {
+                m.plant_state.drive = codes::DRIVE_STOPPING;
+            }
         });
         let says = verdict.task.causes.contains(&"braked".to_owned());
         assert_eq!(
@@ -491,7 +500,8 @@ fn a_drive_that_cuts_a_torque_is_named_with_its_cause() {
     ] {
         let verdict = judged(10, move |k, m| {
             if (3..7).contains(&k) {
-                (m.plant_state.saturation_mask, m.plant_state.drive_flags) = (1 << 5, flags);
+                m.plant_state.saturation_mask = 1 << 5;
+                m.plant_state.drive_flags = flags;
                 m.plant_state.tau[5] = share * limits().effort[5];
             }
         });
@@ -533,7 +543,8 @@ fn only_served_axes_are_judged() {
         let mut all = ByTopic::<Whole>::default();
         (all.plant_state.R_BE, all.control_state.R_BE_d) =
             ([0.0, 1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0], IDENTITY);
-        (all.plant_state.p_BE[0], all.plant_state.p_BE[2]) = (x_m, z_m);
+        all.plant_state.p_BE[0] = x_m;
+        all.plant_state.p_BE[2] = z_m;
         let whole = super::against_reference(&Tick::of(&all.lent()).unwrap(), &planar().served);
         super::TaskError::split(Reported::truth().as_ref(), &whole)
     };
