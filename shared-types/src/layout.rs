@@ -13,7 +13,7 @@ use crate::{SingularityState, TargetContent};
 const MOST_BYTES: usize = 4 << 20;
 
 /// A message, by its layout.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct MessageLayout {
     /// The topic it travels on.
     pub topic: String,

@@ -59,7 +59,7 @@ pub struct Header {
 }
 
 /// One field of a message, as data: for layout hashes, for naming a difference, for readers in other languages.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Field {
     /// The field's name.
     pub name: Cow<'static, str>,

@@ -125,15 +125,15 @@ impl armplane_process {
     }
 
     fn new(joined: Joined, dof: u32) -> Self {
-        let about = joined.about();
-        let folder = joined.shell().run_dir().as_os_str().as_encoded_bytes();
+        let shell = joined.shell();
+        let folder = shell.run_dir().as_os_str().as_encoded_bytes();
         let now = armplane_process_now {
             tick: 0,
             fresh: 0,
-            lockstep: u32::from(about.mode == Mode::Lockstep),
-            rate_hz: about.rate_hz,
+            lockstep: u32::from(shell.mode() == Mode::Lockstep),
+            rate_hz: shell.manifest().rate_hz,
             dof,
-            incarnation: about.incarnation,
+            incarnation: shell.incarnation(),
             keeps: u32::from(joined.keeps()),
             reserved: 0,
         };

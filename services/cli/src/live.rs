@@ -14,6 +14,7 @@ use operator::{Keys, LONGEST};
 use runtime::{ControlPage, RunDir};
 use session::Failure;
 use session::table::count;
+use shared_types::SingularityReport;
 use shared_types::scenario::Servo;
 use shared_types::target_file::{is_head, live};
 
@@ -64,9 +65,9 @@ impl Panel {
         let over = Arc::clone(&is_over);
         std::thread::spawn(move || {
             while !over.load(Ordering::Relaxed) {
-                let state = page.live_state();
-                let kind = |place: usize| state.singularities.get(place).map(|one| one.kind);
-                set_status(Some(steered::describe(&state.servo, kind).to_string()));
+                let report = page.latest::<SingularityReport>();
+                let kind = |place: usize| report.listed().get(place).map(|one| one.kind);
+                set_status(Some(steered::describe(&page.latest(), kind)));
                 std::thread::sleep(EVERY);
             }
         });

@@ -5,8 +5,9 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
 
-use runtime::{Exit, FaultTable, ForeignMessage, Mode, NamedSaved, Process};
+use runtime::{Exit, FaultTable, Mode, NamedSaved, Process};
 use shared_types::fault::ScheduledFault;
+use shared_types::layout::MessageLayout;
 
 use crate::delay::Delay;
 use crate::outcome::Death;
@@ -123,7 +124,7 @@ pub struct Plan {
     /// The processes, in the order of the data: sources first.
     pub children: Vec<Child>,
     /// The messages that only the graph of this run knows.
-    pub messages: Vec<ForeignMessage>,
+    pub messages: Vec<MessageLayout>,
     /// How long the launcher is patient.
     pub limits: Limits,
     /// The planned faults.

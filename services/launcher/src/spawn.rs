@@ -186,7 +186,7 @@ impl Supervised {
     pub(crate) fn stood_still(&self) -> Option<usize> {
         let ticks = |index: usize| self.control_page.process(index).ticks();
         let chain = (0..self.plan.children.len())
-            .filter(|&index| !self.plan.children[index].process.polled);
+            .filter(|&index| !self.plan.children[index].process.is_polled());
         let ahead = chain.clone().map(ticks).max()?;
         let behind = chain.clone().find(|&index| ticks(index) < ahead)?;
         self.slots.0[behind].child.is_some().then_some(behind)

@@ -44,7 +44,7 @@ impl Supervised {
         report(Event::Stopping);
         let late_failure = self.stop(end == End::Completed, signals, report);
         report(Event::Stopped);
-        let is_polled = |index: usize| self.plan.children[index].process.polled;
+        let is_polled = |index: usize| self.plan.children[index].process.is_polled();
         let lacks_record = self.fallen.iter().any(|one| is_polled(one.index));
         match (end, late_failure) {
             (End::Completed, Some(failure)) => Halt::End(End::Failed(failure)),
@@ -95,7 +95,10 @@ impl Supervised {
     /// launcher did not send; `insists`: the launcher sent one, by which a process of the chain that was slow to end may do so.
     fn is_excused(&mut self, index: usize, is_complete: bool, insists: bool) -> bool {
         let (exit, child) = (self.slots.0[index].exit, &self.plan.children[index]);
-        let (is_polled, is_killed) = (child.process.polled, matches!(exit, Some(Exit::Signal(_))));
+        let (is_polled, is_killed) = (
+            child.process.is_polled(),
+            matches!(exit, Some(Exit::Signal(_))),
+        );
         if is_complete && insists && !is_polled && exit == Some(TERMINATED) {
             return true;
         }
@@ -140,7 +143,7 @@ impl Supervised {
         } = *ending;
         let mut failure = None;
         let concerned: Vec<usize> = (0..self.plan.children.len())
-            .filter(|&index| self.plan.children[index].process.polled == polled)
+            .filter(|&index| self.plan.children[index].process.is_polled() == polled)
             .collect();
         // Ends that came with the one which ended the run, or between two of these stops.
         let ended = |slot: &Slot| slot.child.is_none() && slot.due.is_none() && slot.exit.is_some();

@@ -198,7 +198,7 @@ impl Supervised {
                 account.scheduled.process as usize == index && is_paused(&account)
             });
             let is_late = is_stopped
-                || (ticks < source && !plan.process.polled && line.state() == State::Running);
+                || (ticks < source && !plan.process.is_polled() && line.state() == State::Running);
             let is_replaced = self.plan.mode == Mode::Lockstep
                 || plan.process.makes_ticks
                 || plan.restart != Restart::Never;

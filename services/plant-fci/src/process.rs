@@ -47,10 +47,9 @@ pub(crate) fn run(
     let (hold, planned) = (scenario.plant.hold_ticks, scenario.planned_ticks());
     let mut cycle = Cycle::new(model, hold, planned, &now);
     let mut publish = |cycle: &Cycle, tick: u64, now: &Measured| -> Result<(), ProcessError> {
-        let (mut sample, mut truth) = (sensors.loan_as_is(tick)?, truths.loan_as_is(tick)?);
-        cycle.sample(tick, now, &mut sample, &mut truth);
-        sample.send()?;
-        Ok(truth.send()?)
+        cycle.sample(tick, now, sensors.loan(tick)?, truths.loan(tick)?);
+        sensors.send()?;
+        Ok(truths.send()?)
     };
     while let Some(tick) = source.next_by(passed)? {
         publish(&cycle, tick, &now)?;

@@ -1,8 +1,8 @@
 //! The edges of a thread under faults: which messages leave a process, which reach its readers, and
 //! when a process is absent.
 //!
-//! A process that a plan kills or stops is absent: it closes its ticks without a step, and its state stays. With a death, what was on its way to it and
-//! what faults held back of it is gone, and its incarnation is one higher afterwards.
+//! A process that a plan kills or stops is absent: it closes its ticks without a step, and its state stays. With a death, what faults held back of it is
+//! gone, and its incarnation is one higher afterwards.
 
 use std::collections::VecDeque;
 use std::convert::Infallible;
@@ -10,50 +10,31 @@ use std::convert::Infallible;
 use shared_types::fault::{Kind, ScheduledFault, corrupted_topic, shaped_topic};
 use shared_types::topics::{COUNT, OfTopic, TOPICS};
 
+use crate::absence::absence;
 use crate::fence::Fence;
-use crate::member::{Board, Member, Sink};
+use crate::member::{Board, Input, Member, Sink};
 use crate::message_faults::{Shaper, is_cut};
 use crate::packed::Packed;
 use crate::port::{Inputs, Port};
 use crate::scratch::Scratch;
 use crate::step::Flow;
 
-/// Why a run ends before its task does.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Ended {
-    /// A process has made a message with a number that is not finite.
-    NotFinite {
-        /// The process.
-        process: String,
-        /// The message's topic.
-        topic: &'static str,
-        /// Its tick.
-        tick: u64,
-        /// The first such field.
-        field: &'static str,
-    },
+/// Why a run ends before its task does: a process has made a message with a number that is not finite.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the {process} refused its own `{topic}` of tick {tick}: {field} is not finite")]
+pub struct Ended {
+    /// The process.
+    pub process: String,
+    /// The message's topic.
+    pub topic: &'static str,
+    /// Its tick.
+    pub tick: u64,
+    /// The first such field.
+    pub field: &'static str,
 }
-
-impl std::fmt::Display for Ended {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::NotFinite {
-                process,
-                topic,
-                tick,
-                field,
-            } => write!(
-                f,
-                "the {process} refused its own `{topic}` of tick {tick}: {field} is not finite"
-            ),
-        }
-    }
-}
-
-impl std::error::Error for Ended {}
 
 /// The messages on their way to a reader.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 struct Inbox {
     /// Place of the topic among those that the graph has the reader read.
     read: usize,
@@ -64,15 +45,6 @@ struct Inbox {
 }
 
 impl Inbox {
-    fn from(read: usize, next: u64) -> Self {
-        Self {
-            read,
-            unread: VecDeque::new(),
-            fence: Fence::default(),
-            next,
-        }
-    }
-
     /// The next message from tick `from` on.
     fn look(&mut self, from: u64) -> Option<&Packed> {
         self.next = self.next.max(from);
@@ -118,8 +90,6 @@ struct Life {
     /// Its place in the graph.
     place: usize,
     incarnation: u32,
-    /// The first tick at which it answers again.
-    back_at: u64,
     /// One for each of its inputs.
     inboxes: Vec<Inbox>,
 }
@@ -138,7 +108,7 @@ impl Readers {
     fn deliver(&mut self, topic: usize, message: &[u8], faults: &[ScheduledFault], sink: Sink<'_>) {
         let packed = Packed::of(message);
         let header = packed.header();
-        let is_sound = (self.ports[topic].is_finite)(message);
+        let is_sound = (self.ports[topic].not_finite)(message).is_none();
         for (member, input) in &self.of[topic] {
             let Life { place, inboxes, .. } = &mut self.lives[*member];
             let inbox = &mut inboxes[*input];
@@ -163,10 +133,6 @@ pub(crate) struct Edges {
     faults: Vec<ScheduledFault>,
     readers: Readers,
     shapers: [Shaper; COUNT],
-    /// Some fault of the run shapes messages.
-    is_shaped: bool,
-    /// Whether each fault has taken a process down.
-    has_struck: Vec<bool>,
 }
 
 /// The faults of a process at a tick, with their places.
@@ -201,17 +167,15 @@ impl Edges {
                 shapers[*topic] = Shaper::new(corrupted == Some(TOPICS[*topic]));
             }
         }
+        let inbox = |input: &Input| Inbox {
+            read: input.read,
+            ..Inbox::default()
+        };
         let life = |member: &Member| Life {
             place: member.place,
             incarnation: 1,
-            back_at: 0,
-            inboxes: member
-                .reads
-                .iter()
-                .map(|input| Inbox::from(input.read, 0))
-                .collect(),
+            inboxes: member.reads.iter().map(inbox).collect(),
         };
-        let shapes = |fault: &ScheduledFault| fault.kind().is_some_and(Kind::shapes_messages);
         Self {
             faults: faults.to_vec(),
             readers: Readers {
@@ -221,8 +185,6 @@ impl Edges {
                 fences: Default::default(),
             },
             shapers,
-            is_shaped: faults.iter().any(shapes),
-            has_struck: vec![false; faults.len()],
         }
     }
 
@@ -282,15 +244,11 @@ impl Edges {
     }
 
     /// Sends the outputs of a step.
-    fn send(&mut self, member: &mut Member, label: u64, now: &mut Now<'_>) -> Result<(), Ended> {
-        let parts = now.board.parts_mut();
-        let parts = parts.map(|part| part.map(|part| Packed::of(part)));
+    fn send(&mut self, member: &Member, label: u64, now: &mut Now<'_>) -> Result<(), Ended> {
+        let parts = now.board.parts();
         for topic in &member.writes {
-            let field = parts[*topic]
-                .as_ref()
-                .and_then(|part| (self.readers.ports[*topic].not_finite)(part.bytes()));
-            if let Some(field) = field {
-                return Err(Ended::NotFinite {
+            if let Some(field) = (self.readers.ports[*topic].not_finite)(parts[*topic]) {
+                return Err(Ended {
                     process: member.name.clone(),
                     topic: TOPICS[*topic],
                     tick: label,
@@ -299,13 +257,10 @@ impl Edges {
             }
         }
         for topic in &member.writes {
-            let Some(message) = &parts[*topic] else {
-                continue;
-            };
             let (readers, faults) = (&mut self.readers, &self.faults);
             let mut deliver = |message: &[u8]| readers.deliver(*topic, message, faults, now.sink);
-            if !self.is_shaped || !shaped_topic(TOPICS[*topic]) {
-                deliver(message.bytes());
+            if !shaped_topic(TOPICS[*topic]) {
+                deliver(parts[*topic]);
                 continue;
             }
             let own = of(faults, member.place, now.tick);
@@ -314,7 +269,7 @@ impl Edges {
                 Ok::<(), Infallible>(())
             };
             let shaper = &mut self.shapers[*topic];
-            let Ok(()) = shaper.shape(message.bytes(), now.tick, own, |_| (), deliver);
+            let Ok(()) = shaper.shape(parts[*topic], now.tick, own, |_| (), deliver);
         }
         Ok(())
     }
@@ -328,77 +283,22 @@ impl Edges {
         }
     }
 
-    /// Whether a fault takes the process down at this tick, or has before.
-    fn is_absent(&mut self, member: &Member, now: &mut Now<'_>) -> bool {
-        let Life { place, back_at, .. } = self.readers.lives[now.me];
-        if now.tick < back_at {
-            return true;
-        }
-        let found = of(&self.faults, place, now.tick)
-            .find(|(.., kind)| kind.takes_down())
-            .map(|(at, fault, _)| (at, *fault));
-        let Some((at, fault)) = found else {
-            return false;
+    /// Whether the process is absent at this tick. With a death, what it holds back is gone.
+    fn is_absent(&mut self, member: &Member, now: &Now<'_>) -> bool {
+        let takes_down = |fault: &&ScheduledFault| {
+            fault.process as usize == member.place && fault.kind().is_some_and(Kind::takes_down)
         };
-        self.has_struck[at] = true;
-        if fault.ends_process() {
-            self.die(member, now);
-        } else {
-            let until = fault.until;
-            let life = &mut self.readers.lives[now.me];
-            life.back_at = until;
+        let (deaths, returns) = absence(self.faults.iter().filter(takes_down), now.tick);
+        let life = &mut self.readers.lives[now.me];
+        if std::mem::replace(&mut life.incarnation, 1 + deaths) != 1 + deaths {
+            let own = member.writes.iter();
+            own.for_each(|topic| self.shapers[*topic].die());
+        }
+        let is_absent = returns > now.tick;
+        if let Some(first) = life.inboxes.first_mut().filter(|_| is_absent) {
             // Messages that come meanwhile are not for it.
-            life.inboxes
-                .iter_mut()
-                .take(1)
-                .for_each(|first| first.next = until);
+            first.next = returns;
         }
-        true
-    }
-
-    /// The process dies, and its replacement too where another death is planned before that can answer.
-    fn die(&mut self, member: &Member, now: &mut Now<'_>) {
-        let Self {
-            faults,
-            readers,
-            shapers,
-            has_struck,
-            ..
-        } = self;
-        let life = &mut readers.lives[now.me];
-        loop {
-            life.incarnation += 1;
-            let own = || {
-                let all = faults.iter().enumerate();
-                let is_own = |(_, fault): &(usize, &ScheduledFault)| {
-                    fault.process as usize == member.place
-                        && fault.kind().is_some_and(Kind::takes_down)
-                };
-                all.filter(is_own)
-            };
-            let is_behind =
-                |(at, fault): &(usize, &ScheduledFault)| fault.at <= now.tick || has_struck[*at];
-            life.back_at = own()
-                .filter(is_behind)
-                .map(|(_, fault)| fault.until)
-                .max()
-                .unwrap_or(0);
-            let before = |(_, fault): &(usize, &ScheduledFault)| {
-                fault.ends_process() && fault.at < life.back_at
-            };
-            let next = own().filter(before).find(|(at, _)| !has_struck[*at]);
-            match next {
-                Some((at, _)) if life.incarnation as usize <= own().filter(before).count() => {
-                    has_struck[at] = true
-                }
-                _ => break,
-            }
-        }
-        life.back_at = life.back_at.max(now.tick);
-        let back_at = life.back_at;
-        life.inboxes
-            .iter_mut()
-            .for_each(|inbox| *inbox = Inbox::from(inbox.read, back_at));
-        member.writes.iter().for_each(|topic| shapers[*topic].die());
+        is_absent
     }
 }

@@ -35,25 +35,26 @@ impl Fence {
 
 /// The first field of a message that holds a number that is not finite.
 #[inline]
-pub fn first_not_finite<M: Message>(message: &M) -> Option<&'static str> {
+pub(crate) fn first_not_finite<M: Message>(message: &M) -> Option<&'static str> {
     if message.is_finite() {
         return None;
     }
-    let bytes = bytemuck::bytes_of(message);
-    let is_nested = |field: &Field| !["Header", "u32", "u64", "f64"].contains(&&*field.element);
-    let is_bad = |field: &&Field| {
-        let numbers = bytes[field.offset..field.offset + field.size].chunks_exact(size_of::<f64>());
-        field.is_number()
-            && numbers
-                .map(bytemuck::pod_read_unaligned::<f64>)
-                .any(|number| !number.is_finite())
-    };
+    let is_nested = |field: &&Field| !["Header", "u32", "u64", "f64"].contains(&&*field.element);
     // A byte outside all plain fields belongs to a nested one.
-    let guilty = M::FIELDS
-        .iter()
-        .find(is_bad)
-        .or_else(|| M::FIELDS.iter().find(|field| is_nested(field)));
+    let guilty = not_finite(bytemuck::bytes_of(message), M::FIELDS)
+        .or_else(|| M::FIELDS.iter().find(is_nested));
     Some(guilty.map_or("a field", |field| &*field.name))
+}
+
+/// The first of the fields of a message, none of them nested, that holds a number that is not finite.
+pub fn not_finite<'a>(message: &[u8], fields: &'a [Field]) -> Option<&'a Field> {
+    let is_bad = |field: &&Field| {
+        let bytes = message.get(field.offset..field.offset + field.size);
+        let mut numbers = bytes.unwrap_or_default().chunks_exact(size_of::<f64>());
+        let is_finite = |number: &[u8]| bytemuck::pod_read_unaligned::<f64>(number).is_finite();
+        field.is_number() && !numbers.all(is_finite)
+    };
+    fields.iter().find(is_bad)
 }
 
 #[cfg(test)]

@@ -8,11 +8,13 @@
 //! message_faults  what a fault makes of a message as it leaves             fence     which messages count
 //! member          a process of a graph with its step
 //! thread          a list of steps on one thread                            edges     the same under faults
+//! absence         when a fault takes a process down
 //! ```
 //!
 //! Three loops run a step: `runtime::drive` as a process, [`Thread`] beside others on one thread, and a replay on the recorded inputs.
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
+mod absence;
 mod edges;
 mod fence;
 mod member;
@@ -25,8 +27,9 @@ mod snapshot;
 mod step;
 mod thread;
 
+pub use absence::absence;
 pub use edges::Ended;
-pub use fence::{Fence, first_not_finite};
+pub use fence::{Fence, not_finite};
 pub use member::Member;
 pub use message_faults::{Shaper, apply_to_outgoing, happens, is_cut};
 pub use packed::Packed;

@@ -103,22 +103,12 @@ impl Member {
         &*self.step
     }
 
-    /// Its step on these inputs, beside any thread. Fills the messages that it writes.
-    pub fn compute(
-        &mut self,
-        inputs: &Inputs<'_>,
-        board: &mut ByTopic<Whole>,
-        scratch: &mut Scratch,
-    ) -> Flow {
-        self.step_on(inputs, 1, board, scratch)
-    }
-
-    /// Its step for a tick, on these inputs.
-    pub(crate) fn step_on(
+    /// Its step on these inputs. Fills the messages that it writes.
+    pub fn step_on(
         &mut self,
         inputs: &Inputs<'_>,
         incarnation: u32,
-        board: &mut Board,
+        board: &mut ByTopic<Whole>,
         scratch: &mut Scratch,
     ) -> Flow {
         let mut outputs = self.outputs(&mut board.parts_mut(), scratch);

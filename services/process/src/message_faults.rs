@@ -44,18 +44,30 @@ impl Shaper {
         message: &[u8],
         tick: u64,
         faults: impl Iterator<Item = (usize, &'a ScheduledFault, Kind)>,
-        injected: impl FnMut(usize),
+        mut injected: impl FnMut(usize),
         mut deliver: impl FnMut(&[u8]) -> Result<(), E>,
     ) -> Result<(), E> {
         let mut message = Packed::of(message);
         let label = message.header().tick;
         self.made = [self.made[1].take(), Some(message.clone())];
-        let Shape {
-            due,
-            copies,
-            is_stale,
-            has_zombie,
-        } = shape(&mut message, tick, self.is_corruptible, faults, injected);
+        let (mut due, mut copies, mut is_stale, mut has_zombie) = (tick, 1, false, false);
+        for (place, fault, kind) in faults {
+            if !kind.shapes_messages() || !happens(fault, label) {
+                continue;
+            }
+            injected(place);
+            match kind {
+                Kind::Drop => copies = 0,
+                Kind::Duplicate => copies *= 2,
+                Kind::Delay => {
+                    due += fault.amount as u64 + random(fault.seed, label) % (fault.jitter + 1)
+                }
+                Kind::Corrupt if self.is_corruptible => corrupt(label, message.bytes_mut(), fault),
+                Kind::Corrupt => {}
+                Kind::Zombie => has_zombie = true,
+                _ => is_stale = true,
+            }
+        }
         if is_stale {
             // Its own old header with it: whoever reads ticks knows it again.
             let old = self.stale.take().or_else(|| self.before(label));
@@ -124,55 +136,6 @@ pub fn is_cut<'a>(
     faults.find(cuts).map(|(place, ..)| place)
 }
 
-/// The outcome of one message.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Shape {
-    /// The tick at which it leaves.
-    due: u64,
-    /// How many times it leaves.
-    copies: u32,
-    /// An older message leaves instead.
-    is_stale: bool,
-    /// A message of a dead incarnation leaves behind it.
-    has_zombie: bool,
-}
-
-/// Applies the faults that concern a process at `tick` to a message, in the order of the fault table: its fields in place, whether and when it leaves
-/// as the answer. A corruption concerns the message where `is_corruptible`. `injected` is called with the place of each fault that takes effect.
-fn shape<'a>(
-    message: &mut Packed,
-    tick: u64,
-    is_corruptible: bool,
-    faults: impl Iterator<Item = (usize, &'a ScheduledFault, Kind)>,
-    mut injected: impl FnMut(usize),
-) -> Shape {
-    let label = message.header().tick;
-    let mut shape = Shape {
-        due: tick,
-        copies: 1,
-        is_stale: false,
-        has_zombie: false,
-    };
-    for (place, fault, kind) in faults {
-        if !kind.shapes_messages() || !happens(fault, label) {
-            continue;
-        }
-        injected(place);
-        match kind {
-            Kind::Drop => shape.copies = 0,
-            Kind::Duplicate => shape.copies *= 2,
-            Kind::Delay => {
-                shape.due += fault.amount as u64 + random(fault.seed, label) % (fault.jitter + 1)
-            }
-            Kind::Corrupt if is_corruptible => corrupt(label, message.bytes_mut(), fault),
-            Kind::Corrupt => {}
-            Kind::Zombie => shape.has_zombie = true,
-            _ => shape.is_stale = true,
-        }
-    }
-    shape
-}
-
 /// Whether a fault concerns the message of a tick: the same answer every time.
 pub fn happens(scheduled: &ScheduledFault, tick: u64) -> bool {
     // 53 bits make a number in [0, 1) exactly; another draw than the delay's.
@@ -217,12 +180,16 @@ pub fn apply_to_outgoing<M: Message>(message: &mut M, scheduled_faults: &[Schedu
 
 #[cfg(test)]
 mod tests {
+    use std::convert::Infallible;
+
     use super::*;
     use shared_types::SensorSample;
     use shared_types::fault::{Fault, Target};
     use shared_types::process::Role;
 
-    fn shaped(kinds: &[Kind]) -> (Shape, Vec<usize>) {
+    /// The ticks of the messages that leave at once in place of one under faults of these kinds, how many leave later, and the places of the faults that
+    /// take effect.
+    fn shaped(kinds: &[Kind]) -> (Vec<u64>, usize, Vec<usize>) {
         let fault = |kind: &Kind| {
             Fault {
                 at_tick: Some(5),
@@ -234,36 +201,34 @@ mod tests {
         let faults: Vec<_> = kinds.iter().map(fault).collect();
         let mut message = SensorSample::default();
         message.header.tick = 5;
-        let mut places = Vec::new();
         let all = faults
             .iter()
             .enumerate()
             .map(|(place, fault)| (place, fault, fault.kind().unwrap()));
-        let mut packed = Packed::of(bytemuck::bytes_of(&message));
-        let shape = shape(&mut packed, 7, true, all, |place| places.push(place));
-        (shape, places)
+        let (mut shaper, mut sent, mut places) = (Shaper::new(true), Vec::new(), Vec::new());
+        let deliver = |message: &[u8]| {
+            sent.push(Packed::of(message).header().tick);
+            Ok::<(), Infallible>(())
+        };
+        let injected = |place| places.push(place);
+        let Ok(()) = shaper.shape(bytemuck::bytes_of(&message), 7, all, injected, deliver);
+        (sent, shaper.held.len(), places)
     }
 
     #[test]
     fn faults_of_one_message_add_up() {
         let outcome = |kinds: &[Kind]| {
-            let (shape, places) = shaped(kinds);
-            (
-                shape.due,
-                shape.copies,
-                shape.is_stale,
-                shape.has_zombie,
-                places,
-            )
+            let (sent, later, places) = shaped(kinds);
+            (sent, later, places.len())
         };
-        let none = (7, 1, false, false, vec![]);
-        assert_eq!(outcome(&[Kind::Kill, Kind::Sensor]), none);
+        assert_eq!(outcome(&[Kind::Kill, Kind::Sensor]), (vec![5], 0, 0));
         assert_eq!(
-            outcome(&[Kind::Duplicate, Kind::Kill, Kind::Duplicate]),
-            (7, 4, false, false, vec![0, 2])
+            shaped(&[Kind::Duplicate, Kind::Kill, Kind::Duplicate]),
+            (vec![5; 4], 0, vec![0, 2])
         );
-        assert_eq!(outcome(&[Kind::Duplicate, Kind::Drop]).1, 0);
-        assert!(outcome(&[Kind::Zombie]).3 && outcome(&[Kind::Stale]).2);
-        assert!(outcome(&[Kind::Delay]).0 > 7);
+        assert_eq!(outcome(&[Kind::Duplicate, Kind::Drop]), (vec![], 0, 2));
+        assert_eq!(outcome(&[Kind::Zombie]), (vec![5, 6], 0, 1));
+        assert_eq!(outcome(&[Kind::Stale]), (vec![5], 0, 1));
+        assert_eq!(outcome(&[Kind::Delay]), (vec![], 1, 1));
     }
 }

@@ -22,9 +22,7 @@ pub struct Port {
     pub bytes: usize,
     /// Hash of the message's layout.
     pub layout: fn() -> u64,
-    /// Whether every `f64` in a message is finite.
-    pub is_finite: fn(&[u8]) -> bool,
-    /// The first field of a message that holds a number that is not.
+    /// The first field of a message that holds a number that is not finite.
     pub not_finite: fn(&[u8]) -> Option<&'static str>,
     /// Of an input: without it there is no step.
     pub is_needed: bool,
@@ -39,7 +37,6 @@ impl Port {
             type_name: M::TYPE_NAME,
             bytes: size_of::<M>(),
             layout: M::layout_hash,
-            is_finite: is_finite::<M>,
             not_finite: not_finite::<M>,
             is_needed: true,
         }
@@ -58,10 +55,6 @@ impl OfTopic for Port {
     fn of_topic<M: Topic>() -> Self {
         Self::of::<M>()
     }
-}
-
-fn is_finite<M: Message>(message: &[u8]) -> bool {
-    try_from_bytes(message).is_ok_and(M::is_finite)
 }
 
 fn not_finite<M: Message>(message: &[u8]) -> Option<&'static str> {
@@ -140,7 +133,8 @@ impl<'a> Outputs<'a> {
     /// Writes a message. The runtime fills its header.
     #[inline]
     pub fn put<M: Message>(&mut self, message: &M) {
-        if let Some((_, place)) = self.find::<M>() {
+        let mut places = self.messages.iter_mut().flatten();
+        if let Some((_, place)) = places.find(|one| is_of::<M>(one)) {
             place.copy_from_slice(bytes_of(message));
         }
     }
@@ -154,13 +148,6 @@ impl<'a> Outputs<'a> {
             .iter_mut()
             .find(|one| one.as_ref().is_some_and(is_of::<M>))?;
         slot.take().map(|(_, place)| from_bytes_mut(place))
-    }
-
-    fn find<M: Message>(&mut self) -> Option<&mut (&'static str, &'a mut [u8])> {
-        self.messages
-            .iter_mut()
-            .flatten()
-            .find(|one| is_of::<M>(one))
     }
 }
 
@@ -195,15 +182,5 @@ mod tests {
         outputs.place::<ControlState>().unwrap().refusal = 3;
         assert!(outputs.place::<ControlState>().is_none());
         assert_eq!((state.refusal, torque.phase), (3, 2));
-    }
-
-    #[test]
-    fn a_port_knows_what_is_not_finite() {
-        let port = Port::of::<TorqueCommand>();
-        let mut torque = TorqueCommand::default();
-        assert_eq!((port.not_finite)(bytes_of(&torque)), None);
-        torque.tau[3] = f64::NAN;
-        assert!(!(port.is_finite)(bytes_of(&torque)));
-        assert_eq!((port.not_finite)(bytes_of(&torque)), Some("tau"));
     }
 }

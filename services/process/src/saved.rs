@@ -52,15 +52,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_saved_comes_back() {
-        let saved = Saved {
-            tick: 3000,
-            state: &[1, 2, 3],
-            carried: &[4; 9],
-        };
+    fn a_state_that_is_cut_short_is_none() {
         let mut bytes = Vec::new();
-        Saved::write(3000, &[4; 9], &mut bytes, |out| out.extend([1, 2, 3]));
-        assert_eq!(Saved::of(&bytes), Some(saved));
+        Saved::write(3000, &[], &mut bytes, |out| out.extend([1, 2, 3]));
         assert_eq!(Saved::of(&bytes[..HEAD + 2]), None);
     }
 }

@@ -5,9 +5,12 @@ use shared_types::Layout;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Why bytes are no state.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Damaged {
     /// They are of another layout.
+    #[error(
+        "the state has the layout {found:016x}, this program has {ours:016x}: start it from a state that this version has saved"
+    )]
     Layout {
         /// That of this program.
         ours: u64,
@@ -15,25 +18,12 @@ pub enum Damaged {
         found: u64,
     },
     /// They are not the bytes that were saved.
+    #[error("the state does not match its checksum")]
     Checksum,
     /// They are no state of this process.
+    #[error("the state is none of this process")]
     Content,
 }
-
-impl std::fmt::Display for Damaged {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Layout { ours, found } => write!(
-                f,
-                "the state has the layout {found:016x}, this program has {ours:016x}: start it from a state that this version has saved"
-            ),
-            Self::Checksum => f.write_str("the state does not match its checksum"),
-            Self::Content => f.write_str("the state is none of this process"),
-        }
-    }
-}
-
-impl std::error::Error for Damaged {}
 
 /// State that can be saved and taken up again, bit for bit.
 pub trait Snapshot {

@@ -5,7 +5,6 @@
 
 use std::cell::Cell;
 use std::path::Path;
-use std::rc::Rc;
 use std::slice;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -20,7 +19,8 @@ struct Head {
     bytes: [AtomicU64; 2],
 }
 
-pub(crate) struct Slots {
+/// The state that the last incarnation of a process committed, and the place for that of the tick in hand.
+pub(crate) struct StateCell {
     file: Mapped,
     /// Most bytes of a state.
     most: usize,
@@ -33,18 +33,21 @@ pub(crate) struct Slots {
 /// # Errors
 /// When it cannot be read.
 pub(crate) fn newest(path: &Path) -> std::io::Result<Option<Vec<u8>>> {
-    let bytes = match std::fs::metadata(path) {
-        Ok(file) => file.len() as usize,
-        Err(_) => return Ok(None),
+    let Ok(file) = std::fs::metadata(path) else {
+        return Ok(None);
     };
-    match bytes.checked_sub(size_of::<Head>()) {
-        Some(slots) => Slots::open(path, slots / 2)?.newest(),
+    match (file.len() as usize).checked_sub(size_of::<Head>()) {
+        Some(slots) => StateCell::open(path, slots / 2)?.newest(),
         None => Ok(None),
     }
 }
 
-impl Slots {
-    fn open(path: &Path, most: usize) -> std::io::Result<Self> {
+impl StateCell {
+    /// Maps the file, which is made where there is none.
+    ///
+    /// # Errors
+    /// When there is no room.
+    pub(crate) fn open(path: &Path, most: usize) -> std::io::Result<Self> {
         Ok(Self {
             file: Mapped::open(path, size_of::<Head>() + 2 * most)?,
             most,
@@ -53,7 +56,10 @@ impl Slots {
     }
 
     /// The state that was committed last.
-    fn newest(&self) -> std::io::Result<Option<Vec<u8>>> {
+    ///
+    /// # Errors
+    /// When it counts more bytes than there are.
+    pub(crate) fn newest(&self) -> std::io::Result<Option<Vec<u8>>> {
         let commits = self.head().commits.load(Ordering::Acquire);
         let Some(number) = commits.checked_sub(1) else {
             return Ok(None);
@@ -68,13 +74,30 @@ impl Slots {
         Ok(Some(state.to_vec()))
     }
 
-    /// Commits the state written for the tick in hand, if any.
+    /// The state written for the tick in hand, if any, counts from now on.
     pub(crate) fn commit(&self) {
         if !self.is_written.replace(false) {
             return;
         }
         let commits = self.head().commits.load(Ordering::Relaxed);
         self.head().commits.store(commits + 1, Ordering::Release);
+    }
+
+    /// Writes the state of the tick in hand, which is committed with the tick; whether there was room for it.
+    pub(crate) fn write(&self, state: &[u8]) -> bool {
+        if state.len() > self.most {
+            return false;
+        }
+        self.is_written.set(true);
+        let number = self.head().commits.load(Ordering::Relaxed);
+        let bytes = &self.head().bytes[(number % 2) as usize];
+        bytes.store(state.len() as u64, Ordering::Relaxed);
+        // SAFETY: a slot of the mapping that is not read before it is committed. A process has one cell, which stays on one thread.
+        unsafe {
+            let slot = self.slot(number);
+            slot.copy_from_nonoverlapping(state.as_ptr(), state.len());
+        }
+        true
     }
 
     fn head(&self) -> &Head {
@@ -91,58 +114,6 @@ impl Slots {
     }
 }
 
-/// The state that the last incarnation of a process committed, and the place for that of the tick in hand.
-pub struct StateCell {
-    slots: Rc<Slots>,
-    previous: Option<Vec<u8>>,
-}
-
-impl StateCell {
-    /// Maps the file, which is made where there is none.
-    ///
-    /// # Errors
-    /// When there is no room, or the previous state counts more bytes than there are.
-    pub(crate) fn open(path: &Path, most: usize) -> std::io::Result<Self> {
-        let slots = Slots::open(path, most)?;
-        Ok(Self {
-            previous: slots.newest()?,
-            slots: Rc::new(slots),
-        })
-    }
-
-    /// The state that was written counts from now on.
-    pub(crate) fn commit(&self) {
-        self.slots.commit();
-    }
-
-    /// Its slots, to be committed when a tick closes.
-    pub(crate) fn slots(&self) -> Rc<Slots> {
-        Rc::clone(&self.slots)
-    }
-
-    /// The state of the last tick that the incarnation before sent completely; `None` in a first incarnation.
-    pub fn previous(&self) -> Option<&[u8]> {
-        self.previous.as_deref()
-    }
-
-    /// Writes the state of the tick in hand, which is committed with the tick; whether there was room for it.
-    pub fn write(&mut self, state: &[u8]) -> bool {
-        if state.len() > self.slots.most {
-            return false;
-        }
-        self.slots.is_written.set(true);
-        let number = self.slots.head().commits.load(Ordering::Relaxed);
-        let bytes = &self.slots.head().bytes[(number % 2) as usize];
-        bytes.store(state.len() as u64, Ordering::Relaxed);
-        // SAFETY: a slot of the mapping that is not read before it is committed; the borrow of `self` keeps it the only one.
-        unsafe {
-            let slot = self.slots.slot(number);
-            slot.copy_from_nonoverlapping(state.as_ptr(), state.len());
-        }
-        true
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -152,9 +123,9 @@ mod tests {
     fn what_is_not_committed_is_not_found() {
         let run = RunDir::create().unwrap();
         let open = || StateCell::open(&run.path().join("c"), 9).unwrap();
-        let found = || open().previous().map(<[u8]>::to_vec);
-        let mut cell = open();
-        assert!(cell.previous().is_none() && !cell.write(&[0; 10]));
+        let found = || open().newest().unwrap();
+        let cell = open();
+        assert!(found().is_none() && !cell.write(&[0; 10]));
         for tick in 4..6 {
             assert!(cell.write(&[tick; 4]));
             cell.commit();
@@ -166,12 +137,11 @@ mod tests {
     #[test]
     fn a_damaged_length_is_refused_and_not_shortened() {
         let run = RunDir::create().unwrap();
-        let open = || StateCell::open(&run.path().join("c"), 8);
-        let mut cell = open().unwrap();
+        let cell = StateCell::open(&run.path().join("c"), 8).unwrap();
         assert!(cell.write(&[1; 8]));
         cell.commit();
-        assert_eq!(open().unwrap().previous(), Some(&[1; 8][..]));
-        cell.slots.head().bytes[0].store(9, Ordering::Relaxed);
-        assert!(open().is_err());
+        assert_eq!(cell.newest().unwrap(), Some(vec![1; 8]));
+        cell.head().bytes[0].store(9, Ordering::Relaxed);
+        assert!(cell.newest().is_err());
     }
 }

@@ -11,13 +11,13 @@ use shared_types::wire::Header;
 
 use crate::bus::node::Bus;
 use crate::bus::writer::Sending;
-use crate::checkpoint::Slots;
+use crate::checkpoint::StateCell;
 use crate::clock::now_ns;
-use crate::control_page::{ControlPage, ProcessEntry, Stop};
+use crate::control_page::{ControlPage, ProcessEntry};
 use crate::disturbance::Pauses;
 use crate::fault::table::KnownFaults;
 use crate::look_out::LookOut;
-use crate::manifest::Manifest;
+use crate::manifest::{Manifest, Process};
 use crate::run_dir::RunDir;
 use crate::stamping::Stamping;
 use crate::turns::Turns;
@@ -32,55 +32,11 @@ mod volume;
 
 pub(crate) use order::{CHAIN_LAG, RECORDER_LAG};
 
-/// Why this process is to stop.
-pub(crate) struct StopFlag {
-    /// The stage of the run's end that concerns it.
-    pub(crate) at: Stop,
-    /// The number of the SIGTERM or SIGINT that has arrived; 0: none has.
-    pub(crate) signalled: Arc<AtomicUsize>,
-}
-
-impl StopFlag {
-    /// Catches SIGTERM and SIGINT.
-    pub(crate) fn new(is_polled: bool) -> std::io::Result<Self> {
-        let signalled = Arc::new(AtomicUsize::new(0));
-        for signal in [libc::SIGTERM, libc::SIGINT] {
-            signal_hook::flag::register_usize(signal, Arc::clone(&signalled), signal as usize)?;
-        }
-        Ok(Self {
-            signalled,
-            ..Self::without_signals(is_polled)
-        })
-    }
-
-    /// Leaves signals to the program.
-    pub(crate) fn without_signals(is_polled: bool) -> Self {
-        let at = match is_polled {
-            true => Stop::Everything,
-            false => Stop::Chain,
-        };
-        Self {
-            at,
-            signalled: Arc::default(),
-        }
-    }
-}
-
 /// The faults of the run as read by this process, and their present effect on it.
 #[derive(Default)]
 pub(crate) struct FaultState {
     pub(crate) known: RefCell<KnownFaults>,
     is_volume_full: Cell<bool>,
-}
-
-/// The next action after a poll that found no message.
-enum Patience {
-    /// A sleep of at most so many ns; `None` until a ring.
-    Sleep(Option<u64>),
-    /// The deadline has passed.
-    Late,
-    /// The limit of every wait has passed.
-    Exhausted(Duration),
 }
 
 /// Everything that takes part in the beginning or the end of a tick.
@@ -90,7 +46,7 @@ pub(crate) struct Attached {
     pub(crate) ports: RefCell<Vec<Rc<dyn Connect>>>,
     pub(crate) outlets: RefCell<Vec<Rc<Sending>>>,
     /// The checkpoint to commit when a tick closes.
-    pub(crate) checkpoint: RefCell<Option<Rc<Slots>>>,
+    pub(crate) checkpoint: RefCell<Option<Rc<StateCell>>>,
     /// The outputs sent of a tick, a bit each.
     outputs_sent: Cell<(u64, u32)>,
 }
@@ -103,7 +59,8 @@ pub(crate) struct Context {
     pub(crate) bus: Bus,
     /// Its index in the manifest.
     pub(crate) me: usize,
-    pub(crate) stop: StopFlag,
+    /// The number of the SIGTERM or SIGINT that has arrived; 0: none has.
+    pub(crate) signalled: Arc<AtomicUsize>,
     pub(crate) has_started: Cell<bool>,
     /// The tick in hand: everything before it is closed.
     pub(crate) tick: Cell<u64>,
@@ -122,8 +79,14 @@ pub(crate) struct Context {
 }
 
 impl Context {
+    /// This process, as the others see it.
+    #[inline]
+    pub(crate) fn own(&self) -> &Process {
+        &self.manifest.processes[self.me]
+    }
+
     pub(crate) fn name(&self) -> &str {
-        &self.manifest.processes[self.me].name
+        &self.own().name
     }
 
     #[inline]
@@ -139,13 +102,13 @@ impl Context {
     /// Whether this process deliberately takes in messages of dead incarnations.
     #[inline]
     pub(crate) fn is_unfenced(&self) -> bool {
-        self.manifest.processes[self.me].disturbance.unfenced
+        self.own().disturbance.unfenced
     }
 
     /// Whether this process is deliberately content with a message of the tick before.
     #[inline]
     pub(crate) fn is_unordered(&self) -> bool {
-        self.manifest.processes[self.me].disturbance.unordered
+        self.own().disturbance.unordered
     }
 
     /// Sleeps where the run's disturbance requires it.
@@ -158,17 +121,13 @@ impl Context {
 
     #[inline]
     pub(crate) fn is_stopping(&self) -> bool {
-        self.control_page.stop() >= self.stop.at || self.stop.signalled.load(Ordering::Relaxed) != 0
+        self.is_run_stopping() || self.signalled.load(Ordering::Relaxed) != 0
     }
 
-    /// The topic's place on the control page.
-    pub(crate) fn topic_index(&self, topic: &str) -> usize {
-        self.manifest.topic_index(topic)
-    }
-
-    /// The topic's bit on every doorbell.
-    pub(crate) fn topic_bit(&self, topic: &str) -> u32 {
-        1 << self.topic_index(topic)
+    /// Whether the end of the run has come to this process.
+    #[inline]
+    pub(crate) fn is_run_stopping(&self) -> bool {
+        self.control_page.stop() >= self.own().stops_at()
     }
 
     /// The one wait: look, let those of the same core go first, look, then sleep until a process rings for one of `bits`, look again; never longer than
@@ -186,37 +145,36 @@ impl Context {
         }
         let doorbell = self.entry().doorbell();
         let (mut is_first_look, mut has_passed, mut began_ns) = (true, false, None);
-        loop {
+        let ended = loop {
             // Read before the look: a message that comes after the look has its ring counted by then, and the sleep does not begin.
             let seen = doorbell.rings();
             let found = look();
             if self.is_stopping() || !matches!(found, Ok(None)) {
-                doorbell.disarm();
-                return Ok(found?.map_or(Waited::Stopped, Waited::Ready));
+                break found.map(|found| found.map_or(Waited::Stopped, Waited::Ready));
             }
+            let mut sleep_ns = None;
             // Without a deadline the clock is only read after a first sleep without a message: the usual hop does without it.
-            let patience = if deadline_ns.is_some() || !is_first_look {
-                self.patience(deadline_ns, &mut began_ns)
-            } else {
-                Patience::Sleep(None)
-            };
-            let sleep_ns = match patience {
-                Patience::Sleep(sleep_ns) => sleep_ns,
-                Patience::Late => {
-                    doorbell.disarm();
-                    return Ok(Waited::Late);
+            if deadline_ns.is_some() || !is_first_look {
+                let now = now_ns();
+                let waited = Duration::from_nanos(now - *began_ns.get_or_insert(now));
+                if deadline_ns.is_some_and(|deadline| now >= deadline) {
+                    break Ok(Waited::Late);
                 }
-                Patience::Exhausted(waited) => {
-                    doorbell.disarm();
+                if self
+                    .manifest
+                    .wait_limit
+                    .is_some_and(|limit| waited >= limit)
+                {
                     let Wait { what, from } = describe();
-                    return Err(Interrupted::TimedOut {
+                    break Err(Interrupted::TimedOut {
                         process: self.name().to_owned(),
                         what,
                         from,
                         waited,
                     });
                 }
-            };
+                sleep_ns = deadline_ns.map(|deadline| deadline - now);
+            }
             if std::mem::take(&mut is_first_look) && self.has_started.get() && self.turns.pass() {
                 // Another look, now that the process waited for has had its turn.
                 has_passed = true;
@@ -225,14 +183,14 @@ impl Context {
             if std::mem::take(&mut has_passed) {
                 self.turns.note_vain();
             }
-            let sleep_ns = self.look_out.limited(sleep_ns);
             doorbell.arm(bits);
-            doorbell.sleep(seen, sleep_ns);
+            doorbell.sleep(seen, self.look_out.limited(sleep_ns));
             if let Some(why) = self.look_out.look() {
-                doorbell.disarm();
-                return Err(self.asked(why));
+                break Err(self.asked(why));
             }
-        }
+        };
+        doorbell.disarm();
+        ended
     }
 
     /// The wait has ended, because the process has looked out.
@@ -243,28 +201,11 @@ impl Context {
         }
     }
 
-    /// Whether a wait that has found nothing continues, and for how long.
-    fn patience(&self, deadline_ns: Option<u64>, began_ns: &mut Option<u64>) -> Patience {
-        let now = now_ns();
-        let waited = Duration::from_nanos(now - *began_ns.get_or_insert(now));
-        match deadline_ns {
-            Some(deadline) if now >= deadline => Patience::Late,
-            _ if self
-                .manifest
-                .wait_limit
-                .is_some_and(|limit| waited >= limit) =>
-            {
-                Patience::Exhausted(waited)
-            }
-            _ => Patience::Sleep(deadline_ns.map(|deadline| deadline - now)),
-        }
-    }
-
     /// Commits the checkpoint that was written for the tick in hand.
     #[inline]
     pub(crate) fn commit(&self) {
         let checkpoint = self.attached.checkpoint.borrow();
-        checkpoint.iter().for_each(|slots| slots.commit());
+        checkpoint.iter().for_each(|cell| cell.commit());
     }
 
     pub(crate) fn port_failed(
@@ -319,6 +260,12 @@ impl Context {
         self.faults.known.borrow().faults().is_empty()
     }
 
+    /// The fault at a place of the table takes effect now.
+    pub(crate) fn mark_injected(&self, place: usize) {
+        let table = self.control_page.fault_table();
+        table.mark_injected(place, now_ns());
+    }
+
     /// A message is wrong: faults in force are thereby detected.
     pub(crate) fn message_fault_detected(&self) {
         if !self.is_unharmed() {
@@ -349,10 +296,6 @@ impl Context {
             outlet.ring();
         }
         self.report_progress();
-    }
-
-    pub(crate) fn add_outlet(&self, outlet: Rc<Sending>) {
-        self.attached.outlets.borrow_mut().push(outlet);
     }
 }
 

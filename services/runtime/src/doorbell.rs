@@ -22,7 +22,7 @@ impl DoorbellPort {
     /// The doorbell of the process that a shell belongs to.
     pub fn of(shell: &Shell) -> Self {
         Self {
-            shared: shell.shared(),
+            shared: Rc::clone(&shell.shared),
         }
     }
 

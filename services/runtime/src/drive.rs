@@ -4,15 +4,13 @@ use process::{Flow, Inputs, Outputs, Port, Scratch, Step};
 use shared_types::fault::ScheduledFault;
 use shared_types::wire::Header;
 
-use crate::bus::error::TopicError;
 use crate::bus::format::Format;
 use crate::bus::port::Incoming;
 use crate::bus::reader::Ticks;
-use crate::bus::writer::Outlet;
+use crate::bus::writer::{Outlet, SendError};
 use crate::fault::table::MOST_FAULTS;
 use crate::saving::Saving;
 use crate::shell::{ProcessError, Shell};
-use crate::tick_source::TickSource;
 
 /// Inputs of a process from outside of the graph: a person's targets.
 pub trait Outside {
@@ -37,18 +35,30 @@ pub fn drive(
     step: &mut dyn Step,
     outside: &mut dyn Outside,
 ) -> Result<(), ProcessError> {
-    let ports = Ports::open(shell, step)?;
-    match shell.makes_ticks() {
-        true => make_ticks(shell, step, ports),
-        false => answer_ticks(shell, step, ports, outside),
+    let (mut inlets, mut outlets) = (Vec::new(), Vec::new());
+    for port in step.reads() {
+        if port.is_needed || shell.reads(port.topic) {
+            let ticks = shell.inlet(Format::of_port(port))?;
+            inlets.push(Inlet { port: *port, ticks });
+        }
     }
-}
-
-/// The ends of a process's topics.
-struct Ports {
-    inlets: Vec<Inlet>,
-    outlets: Vec<(&'static str, Outlet)>,
-    scratch: Scratch,
+    for port in step.writes() {
+        if port.is_needed || shell.writes(port.topic) {
+            outlets.push((port.topic, shell.outlet(Format::of_port(port))?));
+        }
+    }
+    let (saving, carried) = Saving::begin(shell, step)?;
+    let driven = Driven {
+        shell,
+        step,
+        outlets,
+        scratch: Scratch::default(),
+        saving,
+    };
+    match shell.own().makes_ticks {
+        true => driven.make_ticks(inlets, &carried),
+        false => driven.answer_ticks(inlets, outside),
+    }
 }
 
 struct Inlet {
@@ -56,189 +66,132 @@ struct Inlet {
     ticks: Ticks,
 }
 
-impl Ports {
-    fn open(shell: &Shell, step: &dyn Step) -> Result<Self, TopicError> {
-        let mut ports = Self {
-            inlets: Vec::new(),
-            outlets: Vec::new(),
-            scratch: Scratch::default(),
-        };
-        for port in step.reads() {
-            if port.is_needed || shell.reads(port.topic) {
-                shell.declared("read", port.topic)?;
-                let ticks = shell.inlet(Format::of_port(port))?;
-                ports.inlets.push(Inlet { port: *port, ticks });
-            }
-        }
-        for port in step.writes() {
-            if port.is_needed || shell.writes(port.topic) {
-                shell.declared("write", port.topic)?;
-                let outlet = shell.outlet(Format::of_port(port))?;
-                ports.outlets.push((port.topic, outlet));
-            }
-        }
-        Ok(ports)
-    }
-}
-
-/// Computes the outputs of a tick in place, and leaves them on loan. What the step returns, and whether it has noticed a fault.
-fn compute(
-    step: &mut dyn Step,
-    inputs: &Inputs<'_>,
-    outlets: &mut [(&'static str, Outlet)],
-    scratch: &mut Scratch,
-) -> Result<(Flow, bool), ProcessError> {
-    let mut outputs = Outputs::new(scratch);
-    for (topic, outlet) in outlets.iter_mut() {
-        outlet.loan()?;
-        if let Some(place) = outlet.on_loan() {
-            outputs.add(topic, place);
-        }
-    }
-    let flow = step.step(inputs, &mut outputs);
-    let has_noticed = outputs.has_noticed;
-    for (_, outlet) in outlets {
-        if let Some(header) = outlet.header() {
-            *header = Header {
-                tick: inputs.tick,
-                ..Header::default()
-            };
-        }
-    }
-    Ok((flow, has_noticed))
-}
-
-/// The loop of a process that reads messages of a tick and writes others of the same tick.
-fn answer_ticks(
-    shell: &Shell,
-    step: &mut dyn Step,
-    ports: Ports,
-    outside: &mut dyn Outside,
-) -> Result<(), ProcessError> {
-    let Ports {
-        mut inlets,
-        mut outlets,
-        mut scratch,
-    } = ports;
-    let (mut saving, _) = Saving::begin(shell, step)?;
-    let Some((first, others)) = inlets.split_first_mut() else {
-        return Err(ProcessError::setup(format_args!(
-            "{} reads no topic that its graph gives it",
-            shell.name()
-        )));
-    };
-    'ticks: while let Some(message) = first.ticks.next()? {
-        let tick = message.tick();
-        let mut inputs = Inputs::of(tick, &[]);
-        inputs.add(first.port.topic, message);
-        for Inlet { port, ticks } in others.iter_mut() {
-            let message: Option<&Incoming> = match port.is_needed {
-                true => ticks.at(tick)?,
-                false => ticks.newest(tick)?,
-            };
-            match message {
-                Some(message) => inputs.add(port.topic, message),
-                None if port.is_needed => continue 'ticks,
-                None => {}
-            }
-        }
-        outside.add(&mut inputs);
-        let (_, has_noticed) = compute(step, &inputs, &mut outlets, &mut scratch)?;
-        if has_noticed {
-            shell.mark_message_fault_detected();
-        }
-        saving.save(tick + 1, step, &[])?;
-        for (_, outlet) in &mut outlets {
-            outlet.send()?;
-        }
-    }
-    Ok(())
-}
-
-/// The process that makes the ticks.
-struct Source<'a> {
+/// A step on the topics of its process.
+struct Driven<'a> {
     shell: &'a Shell,
     step: &'a mut dyn Step,
     outlets: Vec<(&'static str, Outlet)>,
     scratch: Scratch,
-    ticks: TickSource,
     saving: Saving,
-    /// Those of its sensors and drives that are in force.
-    faults: Vec<ScheduledFault>,
 }
 
-/// The loop of the process that makes the ticks. What closes the loop in a tick is an input of the next one's step, which is taken at once: its outputs
-/// wait for their time.
-fn make_ticks(shell: &Shell, step: &mut dyn Step, ports: Ports) -> Result<(), ProcessError> {
-    let Ports {
-        mut inlets,
-        outlets,
-        scratch,
-    } = ports;
-    let (saving, carried) = Saving::begin(shell, step)?;
-    let mut source = Source {
-        shell,
-        step,
-        outlets,
-        scratch,
-        ticks: shell.tick_source(shell.manifest().from),
-        saving,
-        faults: Vec::with_capacity(MOST_FAULTS),
-    };
-    if !source.ticks.begin()? {
-        return Ok(());
-    }
-    let carried = inlets.first().map(|inlet| (inlet.port.topic, &carried[..]));
-    let mut flow = source.make(carried.filter(|(_, message)| !message.is_empty()))?;
-    while flow == Flow::Go {
-        let Some(tick) = source.ticks.next()? else {
-            return Ok(());
+impl Driven<'_> {
+    /// The loop of a process that reads messages of a tick and writes others of the same tick.
+    fn answer_ticks(
+        mut self,
+        mut inlets: Vec<Inlet>,
+        outside: &mut dyn Outside,
+    ) -> Result<(), ProcessError> {
+        let Some((first, others)) = inlets.split_first_mut() else {
+            return Err(ProcessError::setup(format_args!(
+                "{} reads no topic that its graph gives it",
+                self.shell.name()
+            )));
         };
-        for (_, outlet) in &mut source.outlets {
-            outlet.send()?;
-        }
-        let message = match inlets.first_mut() {
-            Some(Inlet { port, ticks }) => {
-                let message = ticks.arriving(tick, source.ticks.deadline_ns())?;
-                message.map(|message| (port.topic, &**message))
+        'ticks: while let Some(message) = first.ticks.next()? {
+            let tick = message.tick();
+            let mut inputs = Inputs::of(tick, &[]);
+            inputs.add(first.port.topic, message);
+            for Inlet { port, ticks } in others.iter_mut() {
+                let message: Option<&Incoming> = match port.is_needed {
+                    true => ticks.at(tick)?,
+                    false => ticks.newest(tick)?,
+                };
+                match message {
+                    Some(message) => inputs.add(port.topic, message),
+                    None if port.is_needed => continue 'ticks,
+                    None => {}
+                }
             }
-            None => None,
-        };
-        flow = source.make(message)?;
+            outside.add(&mut inputs);
+            let (_, has_noticed) = self.compute(&inputs)?;
+            if has_noticed {
+                self.shell.shared.message_fault_detected();
+            }
+            self.saving.save(tick + 1, &*self.step, &[])?;
+            self.send()?;
+        }
+        Ok(())
     }
-    Ok(source.ticks.finish()?)
-}
 
-impl Source<'_> {
-    /// Makes the messages of the tick that comes next, after the one that has closed the loop of the last, if one has come.
-    fn make(&mut self, message: Option<(&'static str, &[u8])>) -> Result<Flow, ProcessError> {
-        let Self {
-            shell,
-            step,
-            outlets,
-            scratch,
-            ticks,
-            saving,
-            faults,
-        } = self;
-        let tick = ticks.coming();
-        saving.save(tick, *step, message.map_or(&[], |(_, message)| message))?;
-        saving.commit();
+    /// The loop of the process that makes the ticks. What closes the loop in a tick is an input of the next one's step, which is taken at once: its outputs
+    /// wait for their time. `carried`: the message that was carried over a cut; empty: none.
+    fn make_ticks(mut self, mut inlets: Vec<Inlet>, carried: &[u8]) -> Result<(), ProcessError> {
+        let mut source = self.shell.tick_source(self.shell.manifest().from);
+        if !source.begin()? {
+            return Ok(());
+        }
+        // Those of its sensors and drives that are in force.
+        let mut faults = Vec::with_capacity(MOST_FAULTS);
+        let carried = inlets.first().map(|inlet| (inlet.port.topic, carried));
+        let mut message = carried.filter(|(_, message)| !message.is_empty());
+        while self.make(source.coming(), message, &mut faults)? == Flow::Go {
+            let Some(tick) = source.next()? else {
+                return Ok(());
+            };
+            self.send()?;
+            message = match inlets.first_mut() {
+                Some(Inlet { port, ticks }) => {
+                    let message = ticks.arriving(tick, source.deadline_ns())?;
+                    message.map(|message| (port.topic, &**message))
+                }
+                None => None,
+            };
+        }
+        Ok(source.finish()?)
+    }
+
+    /// Makes the messages of a tick, after the one that has closed the loop of the last, if one has come.
+    fn make(
+        &mut self,
+        tick: u64,
+        message: Option<(&'static str, &[u8])>,
+        faults: &mut Vec<ScheduledFault>,
+    ) -> Result<Flow, ProcessError> {
+        let carried = message.map_or(&[][..], |(_, message)| message);
+        self.saving.save(tick, &*self.step, carried)?;
+        self.saving.commit();
+        let shared = &self.shell.shared;
+        shared.learn();
         faults.clear();
-        shell.faults_at(tick, |place, scheduled, kind| {
+        for (place, scheduled, kind) in shared.faults.known.borrow().of(shared.me, tick) {
             if kind.concerns_joint() {
-                shell.mark_injected(place);
+                shared.mark_injected(place);
                 faults.push(*scheduled);
             }
-        });
+        }
         let mut inputs = Inputs::of(tick, faults);
         if let Some((topic, message)) = message {
             inputs.add(topic, message);
         }
-        let (flow, has_noticed) = compute(*step, &inputs, outlets, scratch)?;
+        let (flow, has_noticed) = self.compute(&inputs)?;
         if has_noticed {
-            shell.mark_detected_at(tick);
+            self.shell.mark_detected_at(tick);
         }
         Ok(flow)
+    }
+
+    /// Computes the outputs of a tick in place, and leaves them on loan. What the step returns, and whether it has noticed a fault.
+    fn compute(&mut self, inputs: &Inputs<'_>) -> Result<(Flow, bool), ProcessError> {
+        let mut outputs = Outputs::new(&mut self.scratch);
+        for (topic, outlet) in &mut self.outlets {
+            outputs.add(topic, outlet.loan()?);
+        }
+        let flow = self.step.step(inputs, &mut outputs);
+        let has_noticed = outputs.has_noticed;
+        for (_, outlet) in &mut self.outlets {
+            if let Some(header) = outlet.header() {
+                *header = Header {
+                    tick: inputs.tick,
+                    ..Header::default()
+                };
+            }
+        }
+        Ok((flow, has_noticed))
+    }
+
+    fn send(&mut self) -> Result<(), SendError> {
+        let mut outlets = self.outlets.iter_mut();
+        outlets.try_for_each(|(_, outlet)| outlet.send())
     }
 }

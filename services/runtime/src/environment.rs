@@ -9,7 +9,7 @@ use shared_types::job::{JOB, Job};
 
 use crate::control_page::State;
 use crate::drive::drive;
-use crate::shell::{Inhabitant, OpenError, ProcessError, Shell};
+use crate::shell::{Inhabitant, ProcessError, Shell};
 
 /// The environment variable with the directory of the run.
 pub const RUN_VARIABLE: &str = "ARMPLANE_RUN";
@@ -20,7 +20,7 @@ pub const PROCESS_VARIABLE: &str = "ARMPLANE_PROCESS";
 /// The `main` of a program that a graph names as the command of a process: makes its step from the job, and takes part until the run stops.
 pub fn join<S: Step, E: std::fmt::Display>(make: impl FnOnce(&Job) -> Result<S, E>) -> ExitCode {
     let take_part = || {
-        let shell = Shell::from_environment()?;
+        let shell = Shell::started(None, None)?;
         let mut step = make(&shell.job()?).map_err(ProcessError::setup)?;
         drive(&shell, &mut step, &mut ())
     };
@@ -33,24 +33,17 @@ pub fn join<S: Step, E: std::fmt::Display>(make: impl FnOnce(&Job) -> Result<S, 
     }
 }
 
-fn variable(name: &'static str) -> Result<OsString, OpenError> {
-    std::env::var_os(name).ok_or(OpenError::NotStarted { variable: name })
+fn variable(name: &'static str) -> Result<OsString, ProcessError> {
+    std::env::var_os(name).ok_or(ProcessError::NotStarted { variable: name })
 }
 
 impl Shell {
-    /// Joins the run that started this program, under the name that the graph gives it.
+    /// Joins the run that started this program, under the name that the graph gives it; with a run that is used instead of the environment's, and a name
+    /// for a program that no graph started.
     ///
     /// # Errors
-    /// [`OpenError::NotStarted`] if no graph started this program; else as [`Shell::open`].
-    pub fn from_environment() -> Result<Self, OpenError> {
-        Self::started(None, None)
-    }
-
-    /// As [`Shell::from_environment`], with a run that is used instead of the environment's, and a name for a program that no graph started.
-    ///
-    /// # Errors
-    /// See [`Shell::from_environment`].
-    pub fn started(run: Option<&Path>, process: Option<&str>) -> Result<Self, OpenError> {
+    /// [`ProcessError::NotStarted`] if no graph started this program; else as [`Shell::open`].
+    pub fn started(run: Option<&Path>, process: Option<&str>) -> Result<Self, ProcessError> {
         let run = run.map_or_else(
             || variable(RUN_VARIABLE).map(PathBuf::from),
             |run| Ok(run.to_owned()),
@@ -60,9 +53,12 @@ impl Shell {
         Self::open(&run, &name)
     }
 
-    /// As [`Shell::from_environment`], for a program that uses this crate as a library; with a run, a name, or both, that are used instead of the
+    /// As [`Shell::started`], for a program that uses this crate as a library; with a run, a name, or both, that are used instead of the
     /// environment's.
-    pub(crate) fn of_others(run: Option<&Path>, process: Option<&str>) -> Result<Self, OpenError> {
+    pub(crate) fn of_others(
+        run: Option<&Path>,
+        process: Option<&str>,
+    ) -> Result<Self, ProcessError> {
         let (run_dir, whose) = match run {
             Some(run) => (run.to_owned(), Inhabitant::Visitor),
             None => (variable(RUN_VARIABLE)?.into(), Inhabitant::Guest),
@@ -74,12 +70,12 @@ impl Shell {
         let shell = Self::open_as(&run_dir, &name, whose)?;
         // The launcher has begun its incarnation, and nobody has taken part as it.
         if !matches!(
-            shell.shared().entry().state(),
+            shell.shared.entry().state(),
             State::Absent | State::Starting
         ) {
-            return Err(OpenError::Again { process: name });
+            return Err(ProcessError::Again { process: name });
         }
-        shell.greet().map_err(OpenError::Occupancy)?;
+        shell.greet().map_err(ProcessError::Occupancy)?;
         Ok(shell)
     }
 

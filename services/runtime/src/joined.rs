@@ -36,20 +36,7 @@ use past::Past;
 const USUAL_LIMIT: Duration = Duration::from_secs(10);
 
 /// Most bytes of a program's state.
-pub const MOST_STATE: usize = 1 << 20;
-
-/// A process as its program knows it before the first tick.
-#[derive(Clone, Copy, Debug)]
-pub struct About {
-    /// Lockstep, or real time.
-    pub mode: Mode,
-    /// Ticks per second of the arm's time; Hz.
-    pub rate_hz: u32,
-    /// Its part in the run.
-    pub role: Role,
-    /// How often the process has been started in this run, from 1.
-    pub incarnation: u32,
-}
+const MOST_STATE: usize = 1 << 20;
 
 /// A process that has joined its run, for a program in any language.
 pub struct Joined {
@@ -153,16 +140,6 @@ impl Joined {
         Ok(())
     }
 
-    /// The process as its program knows it.
-    pub fn about(&self) -> About {
-        About {
-            mode: self.shell.mode(),
-            rate_hz: self.shell.manifest().rate_hz,
-            role: self.role,
-            incarnation: self.shell.incarnation(),
-        }
-    }
-
     /// Leaves the run, and tells a process that stands for this one, and why it could not go on; nothing: it could.
     pub fn leave(self, why: &str) {
         let stand_in = self.shell.stand_in();
@@ -199,7 +176,7 @@ impl Joined {
 
     /// Calls `look` at least every 25 ms of every wait from now on; where it returns false, the wait ends with [`Interrupted::Asked`](crate::Interrupted).
     pub fn look_out(&self, look: impl FnMut() -> bool + 'static) {
-        self.shell.look_out(look);
+        self.shell.shared.look_out.call(look);
     }
 
     /// The state that a predecessor has left: in real time after the last tick that it answered, in lockstep at the cut from which the run goes on.
@@ -239,7 +216,7 @@ impl Joined {
         if let Some(tick) = tick {
             self.patience.begin(tick);
             if self.role == Role::Observer {
-                self.shell.shared().entry().show(tick);
+                self.shell.shared.entry().show(tick);
             }
         }
         Ok(tick)
@@ -351,7 +328,7 @@ impl Joined {
     }
 
     fn next_of_world(&mut self, source: &mut Source) -> Result<Option<u64>, ProcessError> {
-        if !self.shell.has_started() {
+        if !self.shell.shared.has_started.get() {
             let goes_on = source.ticks.begin()?;
             return Ok(goes_on.then(|| source.ticks.coming()));
         }

@@ -56,15 +56,13 @@ struct GraphPage;
 struct WirePage;
 
 pub use bus::collector::Collector;
-pub use bus::depth::{CHAIN_DEPTH, RECORDER_DEPTH};
 pub use bus::error::TopicError;
 pub use bus::hub::Hub;
 pub use bus::reader::Reader;
-pub use bus::writer::{Loan, SendError, Writer};
-pub use checkpoint::StateCell;
-pub use clock::{now_ns, sleep_until};
+pub use bus::writer::{SendError, Writer};
+pub use clock::now_ns;
 pub use complain::complain;
-pub use control_page::live_statistics::{Distribution, LiveSingularity, LiveState};
+pub use control_page::live_statistics::Distribution;
 pub use control_page::{
     ControlPage, ControlPageError, Count, Counts, Phase, ProcessEntry, State, Stop,
 };
@@ -73,8 +71,8 @@ pub use drive::{Outside, drive};
 pub use environment::{PROCESS_VARIABLE, RUN_VARIABLE, join};
 pub use fault::exit::Exit;
 pub use fault::table::{FaultRecord, FaultTable, MOST_FAULTS, MOST_WHEN_REQUESTED, Origin};
-pub use joined::{About, Input, Joined, JoinedError, MOST_STATE, Output, past_of};
-pub use manifest::{Disturbance, ForeignMessage, Manifest, ManifestError, Process};
+pub use joined::{Input, Joined, JoinedError, Output, past_of};
+pub use manifest::{Disturbance, Manifest, ManifestError, Process};
 pub use process::{CUT_TICKS, NamedSaved, Saved};
 pub use reserved::{release_reserve, reserve, write_reserved};
 pub use run_dir::{FoundRun, RunDir, RunDirError, SHM};
@@ -82,7 +80,7 @@ pub use saving::leave;
 pub use shared_types::job::Mode;
 pub use shared_types::process::MAX_PROCESSES;
 pub use shared_types::random::at as random;
-pub use shell::{OpenError, ProcessError, Shell};
+pub use shell::{ProcessError, Shell};
 pub use stand_in::stand_in;
 pub use tick_source::TickSource;
 pub use wait::Interrupted;

@@ -5,9 +5,11 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 use shared_types::job::Mode;
+use shared_types::layout::MessageLayout;
 use shared_types::process::MAX_PROCESSES;
 use shared_types::{Message, Target};
 
+use crate::control_page::Stop;
 use crate::run_dir::RunDir;
 
 /// Beyond it, a tick is no whole number of µs, and no process can keep up.
@@ -40,9 +42,6 @@ pub struct Process {
     pub reads: Vec<String>,
     /// Topics that it writes; a topic has one writer.
     pub writes: Vec<String>,
-    /// It looks for messages by itself (the recorder): no process wakes it, it is stopped after all others, and in lockstep the
-    /// source of ticks waits for it.
-    pub polled: bool,
     /// It makes the ticks (the plant): while it is stopped, there are none.
     #[serde(default)]
     pub makes_ticks: bool,
@@ -58,17 +57,20 @@ pub struct Process {
     pub disturbance: Disturbance,
 }
 
-/// A message whose type this program does not know: bytes with a header, under a name.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct ForeignMessage {
-    /// Its topic.
-    pub topic: String,
-    /// Its versioned type name.
-    pub type_name: String,
-    /// Its size, a multiple of 8.
-    pub bytes: usize,
-    /// The hash of its layout.
-    pub hash: u64,
+impl Process {
+    /// Whether it only reads (the recorder). It looks for messages by itself: no process wakes it, it is stopped after all others, and in lockstep the source
+    /// of ticks waits for it.
+    pub fn is_polled(&self) -> bool {
+        self.writes.is_empty()
+    }
+
+    /// The stage of the run's end that concerns it.
+    pub(crate) fn stops_at(&self) -> Stop {
+        match self.is_polled() {
+            true => Stop::Everything,
+            false => Stop::Chain,
+        }
+    }
 }
 
 /// The run as all its processes know it.
@@ -84,7 +86,7 @@ pub struct Manifest {
     pub processes: Vec<Process>,
     /// The messages that only the graph of this run knows.
     #[serde(default)]
-    pub messages: Vec<ForeignMessage>,
+    pub messages: Vec<MessageLayout>,
     /// The first tick: 0, or that of the cut from which the processes go on.
     #[serde(default)]
     pub from: u64,
@@ -162,7 +164,7 @@ impl Manifest {
     }
 
     /// The message of a topic that only the graph of this run knows.
-    pub fn message(&self, topic: &str) -> Option<&ForeignMessage> {
+    pub fn message(&self, topic: &str) -> Option<&MessageLayout> {
         self.messages.iter().find(|message| message.topic == topic)
     }
 
@@ -206,7 +208,7 @@ impl Manifest {
 
     /// The processes that a message on this topic wakes.
     pub fn woken_by<'a>(&'a self, topic: &'a str) -> impl Iterator<Item = usize> + 'a {
-        let reads = move |p: &Process| !p.polled && p.reads.iter().any(|t| t == topic);
+        let reads = move |p: &Process| !p.is_polled() && p.reads.iter().any(|t| t == topic);
         self.processes
             .iter()
             .enumerate()
@@ -274,7 +276,6 @@ mod tests {
             name: name.into(),
             reads: own(reads),
             writes: own(writes),
-            polled: writes.is_empty(),
             ..Process::default()
         }
     }

@@ -71,47 +71,25 @@ pub enum Lock {
     /// As it is touched: to have all of it at once, the program and the buffers of all topics, takes a tenth of a short run's processor time. For a process
     /// that no other waits for.
     AsTouched,
+    /// Never: it is limited, and the process would be refused what it asks for later.
+    Never,
 }
 
 /// Locks memory, touches the stack and takes a `SCHED_FIFO` priority. Returns the steps that are
 /// not allowed; none is fatal.
 pub fn enter(priority: Option<u8>, lock: Lock) -> Vec<Missing> {
     let all = MlockAllFlags::CURRENT | MlockAllFlags::FUTURE;
-    let memory = if lock == Lock::AtOnce {
-        all
-    } else {
-        all | MlockAllFlags::ONFAULT
+    let locked = match lock {
+        Lock::AtOnce => mlockall(all).map_err(|errno| errno.to_string()),
+        Lock::AsTouched => {
+            mlockall(all | MlockAllFlags::ONFAULT).map_err(|errno| errno.to_string())
+        }
+        Lock::Never => Err("limited".to_owned()),
     };
-    let mut missing = Vec::new();
-    if let Err(errno) = mlockall(memory) {
-        missing.push(Missing::LockedMemory {
-            reason: errno.to_string(),
-        });
-    }
     touch_stack();
-    missing.extend(priority.and_then(|priority| set_fifo_priority(priority).err()));
-    missing
-}
-
-/// The same without locking memory, where a limit would have the process refused what it asks for later.
-pub(crate) fn enter_unlocked(priority: Option<u8>) -> Vec<Missing> {
-    touch_stack();
-    let mut missing = vec![Missing::LockedMemory {
-        reason: "limited".to_owned(),
-    }];
-    missing.extend(priority.and_then(|priority| set_fifo_priority(priority).err()));
-    missing
-}
-
-/// Takes a `SCHED_FIFO` priority for this thread, and for the processes that it starts from now on.
-///
-/// # Errors
-/// When this process may not.
-pub fn set_fifo_priority(priority: u8) -> Result<(), Missing> {
-    schedule(libc::SCHED_FIFO, priority).map_err(|error| Missing::Fifo {
-        priority,
-        reason: error.to_string(),
-    })
+    let unlocked = locked.err().map(|reason| Missing::LockedMemory { reason });
+    let fifo = priority.and_then(|priority| schedule(libc::SCHED_FIFO, priority).err());
+    unlocked.into_iter().chain(fifo).collect()
 }
 
 /// Takes a `SCHED_RR` priority for this thread, and for the processes that it starts from now on: as `SCHED_FIFO`, but equals on a core take turns.
@@ -119,10 +97,7 @@ pub fn set_fifo_priority(priority: u8) -> Result<(), Missing> {
 /// # Errors
 /// [`Missing::Fifo`] if the kernel does not grant it.
 pub fn set_round_robin_priority(priority: u8) -> Result<(), Missing> {
-    schedule(libc::SCHED_RR, priority).map_err(|error| Missing::Fifo {
-        priority,
-        reason: error.to_string(),
-    })
+    schedule(libc::SCHED_RR, priority)
 }
 
 /// Whether this thread has ordinary scheduling, no real-time priority.
@@ -139,14 +114,17 @@ pub fn set_ordinary_scheduling() {
     let _ = schedule(libc::SCHED_OTHER, 0);
 }
 
-fn schedule(policy: i32, priority: u8) -> std::io::Result<()> {
+fn schedule(policy: i32, priority: u8) -> Result<(), Missing> {
     let parameters = libc::sched_param {
         sched_priority: i32::from(priority),
     };
     // SAFETY: a plain system call on this thread with a valid structure.
     match unsafe { libc::sched_setscheduler(0, policy, &raw const parameters) } {
         0 => Ok(()),
-        _ => Err(std::io::Error::last_os_error()),
+        _ => Err(Missing::Fifo {
+            priority,
+            reason: std::io::Error::last_os_error().to_string(),
+        }),
     }
 }
 
@@ -214,14 +192,7 @@ impl Usage {
 
 /// Processor time that this process has used so far, all threads, user and system; s.
 pub fn cpu_time_s() -> f64 {
-    // By libc: rustix looks for the kernel's own functions in memory that valgrind does not map, and the recorder is measured under it.
-    let mut time = libc::timespec {
-        tv_sec: 0,
-        tv_nsec: 0,
-    };
-    // SAFETY: a plain system call that fills the structure; it leaves zeros where it fails.
-    unsafe { libc::clock_gettime(libc::CLOCK_PROCESS_CPUTIME_ID, &raw mut time) };
-    time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
+    crate::clock::read(libc::CLOCK_PROCESS_CPUTIME_ID) as f64 * 1e-9
 }
 
 /// Lets the allocator keep what is freed, up to 64 MiB, and have 6 MiB at once, in large pages where the system gives them: for a process that asks for

@@ -6,7 +6,8 @@ use std::time::Duration;
 use crate::clock::now_ns;
 use crate::context::Context;
 use crate::control_page::{ANYTHING, PROGRESS, ProcessEntry};
-use crate::wait::{Interrupted, Waited};
+use crate::shell::Shell;
+use crate::wait::Interrupted;
 
 /// State of a polled process's rounds.
 #[derive(Debug, Default)]
@@ -27,10 +28,17 @@ enum Round {
     Last,
 }
 
-impl Rounds {
-    /// See [`Shell::poll`](crate::Shell::poll).
-    pub(crate) fn poll(&self, shared: &Context, every: Duration) -> Result<bool, Interrupted> {
-        match self.round.get() {
+impl Shell {
+    /// A polled process's rhythm: ends a round, sleeps until `every` has passed since that began, begins the next; `false` after the round in which
+    /// nothing more can come. It sleeps less where ticks are so quick, or messages so large, that more than a quarter of its buffers would be full by then.
+    ///
+    /// Messages drained in the round count as received: in lockstep the tick source may go on.
+    ///
+    /// # Errors
+    /// When the run does not start within the limit.
+    pub fn poll(&self, every: Duration) -> Result<bool, Interrupted> {
+        let (shared, Rounds { round, began_ns }) = (&*self.shared, &self.rounds);
+        match round.get() {
             Round::Last => return Ok(false),
             Round::From(ticks) => {
                 report(shared, ticks);
@@ -38,17 +46,14 @@ impl Rounds {
                 shared.attend(shared.tick.get());
             }
             Round::Before => {
-                if matches!(shared.start()?, Waited::Stopped) {
-                    self.round.set(Round::Last);
+                if !shared.start()? {
+                    round.set(Round::Last);
                     return Ok(true);
                 }
             }
         }
-        let is_awaited = Cell::new(false);
-        each_other(shared, |line| {
-            is_awaited.set(is_awaited.get() || line.doorbell().is_armed_for(PROGRESS))
-        });
-        if !is_awaited.get() && !shared.is_stopping() {
+        let is_awaited = others(shared).any(|line| line.doorbell().is_armed_for(PROGRESS));
+        if !is_awaited && !shared.is_stopping() {
             let doorbell = shared.entry().doorbell();
             let seen = doorbell.rings();
             // Not for the progress of others: whoever sleeps for that is awaiting this process, which then goes on without a sleep.
@@ -57,18 +62,18 @@ impl Rounds {
                 let most = shared
                     .recorder_lag
                     .saturating_mul(shared.manifest.period_ns());
-                let worked = now_ns().saturating_sub(self.began_ns.get());
+                let worked = now_ns().saturating_sub(began_ns.get());
                 if let left @ 1.. = (every.as_nanos() as u64).min(most).saturating_sub(worked) {
                     doorbell.sleep(seen, Some(left));
                 }
             }
             doorbell.disarm();
         }
-        self.began_ns.set(now_ns());
+        began_ns.set(now_ns());
         // Read before the round: everything of these ticks is in the buffers now.
         let last = shared.is_stopping();
         shared.apply_volume_faults(shared.entry().ticks(), last);
-        self.round.set(if last {
+        round.set(if last {
             Round::Last
         } else {
             Round::From(ticks_made(shared))
@@ -76,10 +81,12 @@ impl Rounds {
         Ok(true)
     }
 
-    /// See [`Shell::has_taken_in`](crate::Shell::has_taken_in).
-    pub(crate) fn have_taken_in(&self, shared: &Context) {
+    /// For a polled process: it holds all messages of the round in hand itself, or their logs do. In lockstep the tick source may go on at once, not only
+    /// at the end of the round, when all has been made of them; in a run with faults at the end.
+    pub fn has_taken_in(&self) {
+        let shared = &self.shared;
         shared.learn();
-        if let Round::From(ticks) = self.round.get()
+        if let Round::From(ticks) = self.rounds.round.get()
             && shared.is_unharmed()
         {
             report(shared, ticks);
@@ -91,27 +98,20 @@ impl Rounds {
 fn report(shared: &Context, ticks: u64) {
     if ticks > shared.entry().ticks() {
         shared.entry().set_ticks(ticks);
-        each_other(shared, |line| line.doorbell().ring(PROGRESS));
+        others(shared).for_each(|line| line.doorbell().ring(PROGRESS));
     }
 }
 
 /// Ticks that have begun: those of the process that makes them.
 fn ticks_made(shared: &Context) -> u64 {
-    let ticks = |index: usize| shared.control_page.process(index).ticks();
-    let processes = &shared.manifest.processes;
-    match processes.iter().position(|process| process.makes_ticks) {
-        Some(source) => ticks(source),
-        None => (0..processes.len())
-            .filter(|&index| index != shared.me)
-            .map(ticks)
-            .max()
-            .unwrap_or(0),
+    match shared.source() {
+        Some(source) => shared.control_page.process(source).ticks(),
+        None => others(shared).map(ProcessEntry::ticks).max().unwrap_or(0),
     }
 }
 
-fn each_other(shared: &Context, act: impl Fn(&ProcessEntry)) {
-    let me = shared.me;
-    (0..shared.manifest.processes.len())
-        .filter(|&index| index != me)
-        .for_each(|i| act(shared.control_page.process(i)));
+fn others(shared: &Context) -> impl Iterator<Item = &ProcessEntry> {
+    let all = 0..shared.manifest.processes.len();
+    all.filter(move |&index| index != shared.me)
+        .map(move |index| shared.control_page.process(index))
 }

@@ -9,6 +9,7 @@
 //! `/proc/PID/stat`), so that a reused process id is not mistaken for the old launcher. A living
 //! launcher also locks the directory, which works even across containers that share `/dev/shm`.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::hash::{BuildHasher, RandomState};
 use std::os::fd::OwnedFd;
@@ -16,7 +17,7 @@ use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use rustix::fs::{FallocateFlags, FileType, FlockOperation, Mode, OFlags, fallocate};
+use rustix::fs::{FallocateFlags, FileType, Mode, OFlags, fallocate};
 use rustix::io::Errno;
 
 /// The memory file system that all runs share.
@@ -33,7 +34,7 @@ const ATTEMPTS: u32 = 100;
 pub struct RunDir {
     path: PathBuf,
     /// Held by the creator only: the lock of a living run.
-    owner: Option<OwnedFd>,
+    owner: Option<fs::File>,
 }
 
 /// Why a run directory cannot be made, opened or removed.
@@ -116,23 +117,14 @@ impl RunDir {
                 Err(source) => return Err(RunDirError::Create { path, source }),
             }
         }
-        let failed = |source| RunDirError::Create {
-            path: path.clone(),
-            source,
-        };
-        let owner = rustix::fs::open(
-            &path,
-            OFlags::RDONLY | OFlags::DIRECTORY | OFlags::CLOEXEC,
-            Mode::empty(),
-        )
-        .and_then(|fd| {
-            rustix::fs::flock(&fd, FlockOperation::NonBlockingLockExclusive).map(|()| fd)
-        })
-        .map_err(|errno| failed(errno.into()))?;
-        Ok(Self {
-            path,
-            owner: Some(owner),
-        })
+        let locked = fs::File::open(&path).and_then(|owner| {
+            owner.try_lock()?;
+            Ok(Some(owner))
+        });
+        match locked {
+            Ok(owner) => Ok(Self { path, owner }),
+            Err(source) => Err(RunDirError::Create { path, source }),
+        }
     }
 
     /// Opens the directory that a launcher made.
@@ -192,28 +184,21 @@ impl RunDir {
 
     /// All runs of this user in shared memory, living and dead, by name.
     pub fn list() -> Vec<FoundRun> {
-        let mut runs: Vec<FoundRun> = Vec::new();
+        let mut runs = BTreeMap::new();
         for (name, path) in entries() {
             let Some((launcher_pid, start)) = owner_of(&name) else {
                 continue;
             };
-            let bytes = disk_usage(&path);
-            match runs.iter_mut().find(|run| run.name == name) {
-                Some(run) => run.bytes += bytes,
-                None => {
-                    let alive =
-                        start_time(&launcher_pid.to_string()) == Some(start) || is_locked(&name);
-                    runs.push(FoundRun {
-                        name,
-                        launcher_pid,
-                        alive,
-                        bytes,
-                    });
-                }
-            }
+            let found = || FoundRun {
+                name: name.clone(),
+                launcher_pid,
+                alive: start_time(&launcher_pid.to_string()) == Some(start) || is_locked(&name),
+                bytes: 0,
+            };
+            let run = runs.entry(name.clone()).or_insert_with(found);
+            run.bytes += disk_usage(&path);
         }
-        runs.sort_by(|a, b| a.name.cmp(&b.name));
-        runs
+        runs.into_values().collect()
     }
 
     /// Removes the files of dead launchers, and returns them; living runs are not touched.
@@ -242,10 +227,7 @@ impl RunDir {
 
     /// Takes the rights of others away from the run's files beside the directory: iceoryx2 makes its node counter writable for everybody.
     pub(crate) fn make_private(&self) -> std::io::Result<()> {
-        for (_, path) in entries()
-            .into_iter()
-            .filter(|(name, _)| name == self.name())
-        {
+        for path in files_of(self.name()) {
             if let Some(file) = own_file(&path)? {
                 rustix::fs::fchmod(&file, Mode::RUSR | Mode::WUSR)?;
             }
@@ -259,11 +241,7 @@ impl RunDir {
     /// # Errors
     /// [`RunDirError::Full`] with the number of bytes that are missing.
     pub fn reserve(&self) -> Result<(), RunDirError> {
-        let mut files: Vec<PathBuf> = entries()
-            .into_iter()
-            .filter(|(name, _)| name == self.name())
-            .map(|(_, path)| path)
-            .collect();
+        let mut files: Vec<PathBuf> = files_of(self.name()).collect();
         let mut missing = 0;
         while let Some(path) = files.pop() {
             if path.is_dir() {
@@ -374,6 +352,12 @@ fn entries() -> Vec<(String, PathBuf)> {
         .collect()
 }
 
+/// That of one run.
+fn files_of(name: &str) -> impl Iterator<Item = PathBuf> {
+    let own = entries().into_iter().filter(move |entry| entry.0 == name);
+    own.map(|(_, path)| path)
+}
+
 /// Process id and start time in a run's name.
 fn owner_of(name: &str) -> Option<(u32, u64)> {
     let mut parts = name.strip_prefix(&own_prefix())?.split('-');
@@ -398,18 +382,12 @@ fn start_time(pid: &str) -> Option<u64> {
 }
 
 fn is_locked(name: &str) -> bool {
-    let path = Path::new(SHM).join(name);
-    match rustix::fs::open(
-        &path,
-        OFlags::RDONLY | OFlags::DIRECTORY | OFlags::NOFOLLOW | OFlags::CLOEXEC,
-        Mode::empty(),
-    ) {
-        Ok(fd) => {
-            rustix::fs::flock(&fd, FlockOperation::NonBlockingLockExclusive)
-                == Err(rustix::io::Errno::WOULDBLOCK)
-        }
-        Err(_) => false,
-    }
+    let mut options = fs::OpenOptions::new();
+    let folder = options
+        .read(true)
+        .custom_flags(libc::O_DIRECTORY | libc::O_NOFOLLOW)
+        .open(Path::new(SHM).join(name));
+    folder.is_ok_and(|folder| matches!(folder.try_lock(), Err(fs::TryLockError::WouldBlock)))
 }
 
 fn disk_usage(path: &Path) -> u64 {
@@ -429,11 +407,7 @@ fn disk_usage(path: &Path) -> u64 {
 /// The files first, the directory last: as long as anything is left, the directory shows it.
 fn remove_files(name: &str) -> Result<(), RunDirError> {
     let mut first_error = None;
-    let (directories, files): (Vec<_>, Vec<_>) = entries()
-        .into_iter()
-        .filter(|entry| entry.0 == name)
-        .map(|entry| entry.1)
-        .partition(|path| path.is_dir());
+    let (directories, files): (Vec<_>, Vec<_>) = files_of(name).partition(|path| path.is_dir());
     for path in files.into_iter().chain(directories) {
         let removed = if path.is_dir() {
             fs::remove_dir_all(&path)

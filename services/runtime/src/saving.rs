@@ -5,6 +5,7 @@
 //! The message that closes the loop of k − 1 has left its writer and has not been read: it belongs to what its reader saves.
 
 use std::path::{Path, PathBuf};
+use std::rc::Rc;
 
 use process::{CUT_TICKS, Saved, Step};
 use shared_types::job::Mode;
@@ -42,7 +43,7 @@ pub(crate) fn saved_at(run: &Path, process: &str, tick: u64) -> std::io::Result<
 /// Saves a process as it goes on.
 pub(crate) struct Saving {
     /// `None`: nobody needs its state.
-    cell: Option<StateCell>,
+    cell: Option<Rc<StateCell>>,
     saved: Vec<u8>,
     /// Ticks between two times.
     every: u64,
@@ -80,13 +81,13 @@ impl Saving {
             process: shell.name().to_owned(),
         };
         // In real time nothing follows the process that makes the ticks, and one that only reads begins anew.
-        if !is_lockstep && (shell.makes_ticks() || shell.writes_nothing()) {
+        if !is_lockstep && (shell.own().makes_ticks || shell.own().is_polled()) {
             return Ok((saving, None));
         }
         saving.saved.reserve(most);
-        let cell = saving.cell.insert(shell.state_cell(most)?);
+        let (cell, earlier) = shell.state_cell(most)?;
+        saving.cell = Some(cell);
         if from == 0 {
-            let earlier = cell.previous().map(<[u8]>::to_vec);
             return Ok((saving, earlier));
         }
         let saved = std::fs::read(begin_of(shell.run_dir(), shell.name())).ok();
@@ -99,7 +100,7 @@ impl Saving {
         };
         match saved.filter(is_it) {
             // One that only reads may have joined later.
-            None if !shell.writes_nothing() => Err(missing()),
+            None if !shell.own().is_polled() => Err(missing()),
             saved => Ok((saving, saved)),
         }
     }
@@ -131,7 +132,7 @@ impl Saving {
         carried: &[u8],
         state: impl FnOnce(&mut Vec<u8>),
     ) -> Result<(), ProcessError> {
-        let Some(cell) = &mut self.cell else {
+        let Some(cell) = &self.cell else {
             return Ok(());
         };
         Saved::write(tick, carried, &mut self.saved, state);
@@ -147,6 +148,6 @@ impl Saving {
 
     /// The state that was saved counts from now on; else it counts when the tick closes.
     pub(crate) fn commit(&self) {
-        self.cell.iter().for_each(StateCell::commit);
+        self.cell.iter().for_each(|cell| cell.commit());
     }
 }

@@ -4,15 +4,14 @@ use std::cell::{Cell, RefCell};
 use std::path::Path;
 use std::rc::Rc;
 use std::sync::Arc;
-use std::time::Duration;
+use std::sync::atomic::AtomicUsize;
 
 use process::NamedSaved;
 use shared_types::Message;
-use shared_types::fault::{Kind, ScheduledFault};
 use shared_types::job::Mode;
 
 use crate::bus::collector::Collector;
-use crate::bus::depth::{CHAIN_DEPTH, RECORDER_DEPTH, depth, least_depth};
+use crate::bus::depth::{CHAIN_DEPTH, RECORDER_DEPTH, least_depth};
 use crate::bus::error::TopicError;
 use crate::bus::reader::{Reader, Ticks};
 use crate::bus::topic::Topic;
@@ -20,12 +19,12 @@ use crate::bus::writer::{Outlet, SendError, Writer};
 use crate::bus::{format::Format, node::join, port::Receiver};
 use crate::checkpoint::StateCell;
 use crate::clock::now_ns;
-use crate::context::{Attached, Connect, Context, FaultState, RECORDER_LAG, StopFlag};
+use crate::context::{Attached, Connect, Context, FaultState, RECORDER_LAG};
 use crate::control_page::{ControlPage, ControlPageError, Count, Patience, Watchdog};
 use crate::disturbance::{self, Pauses};
 use crate::fault::table::FaultTable;
 use crate::look_out::LookOut;
-use crate::manifest::{Manifest, ManifestError};
+use crate::manifest::{Manifest, ManifestError, Process};
 use crate::realtime::{self, Lock};
 use crate::rounds::Rounds;
 use crate::run_dir::{RunDir, RunDirError};
@@ -35,9 +34,9 @@ use crate::tick_source::TickSource;
 use crate::turns::Turns;
 use crate::wait::Interrupted;
 
-/// Why a process cannot join its run.
+/// Why a process cannot join its run, or ends before its time.
 #[derive(Debug, thiserror::Error)]
-pub enum OpenError {
+pub enum ProcessError {
     /// The run's directory.
     #[error(transparent)]
     RunDir(#[from] RunDirError),
@@ -47,9 +46,18 @@ pub enum OpenError {
     /// The run's control page.
     #[error(transparent)]
     ControlPage(#[from] ControlPageError),
-    /// One of its topics.
+    /// A topic could not be opened.
     #[error(transparent)]
     Topic(#[from] TopicError),
+    /// A wait ended without its message.
+    #[error(transparent)]
+    Interrupted(#[from] Interrupted),
+    /// A message was refused or could not be sent.
+    #[error(transparent)]
+    Send(#[from] SendError),
+    /// Its own work cannot begin.
+    #[error("{0}")]
+    Setup(String),
     /// It is not in the graph.
     #[error("the run at {run} has no process {process:?}; its graph has {known}")]
     NotInGraph {
@@ -107,26 +115,6 @@ pub enum OpenError {
     Watchdog(std::io::Error),
 }
 
-/// Anything that ends a process before its time.
-#[derive(Debug, thiserror::Error)]
-pub enum ProcessError {
-    /// It could not join.
-    #[error(transparent)]
-    Open(#[from] OpenError),
-    /// A topic could not be opened.
-    #[error(transparent)]
-    Topic(#[from] TopicError),
-    /// A wait ended without its message.
-    #[error(transparent)]
-    Interrupted(#[from] Interrupted),
-    /// A message was refused or could not be sent.
-    #[error(transparent)]
-    Send(#[from] SendError),
-    /// Its own work cannot begin.
-    #[error("{0}")]
-    Setup(String),
-}
-
 impl ProcessError {
     /// The process's own work cannot begin, for this reason.
     pub fn setup(reason: impl std::fmt::Display) -> Self {
@@ -145,15 +133,14 @@ impl ProcessError {
 /// let mut sensors = shell.reader::<SensorSample>()?;
 /// let mut estimates = shell.writer::<StateEstimate>()?;
 /// while let Some(sample) = sensors.next()? {
-///     let mut estimate = estimates.loan(sample.header.tick)?;
-///     step(sample, &mut estimate);
-///     estimate.send()?;
+///     step(sample, estimates.loan(sample.header.tick)?);
+///     estimates.send()?;
 /// }
 /// # Ok(()) }
 /// ```
 pub struct Shell {
-    shared: Rc<Context>,
-    rounds: Rounds,
+    pub(crate) shared: Rc<Context>,
+    pub(crate) rounds: Rounds,
     patience: Arc<Patience>,
     /// Held open for as long as this process has its place in the run.
     _occupancy: std::fs::File,
@@ -166,35 +153,45 @@ impl Shell {
     ///
     /// # Errors
     /// When the run, its files or the process's entry in its graph cannot be used.
-    pub fn open(run: &Path, process: &str) -> Result<Self, OpenError> {
+    pub fn open(run: &Path, process: &str) -> Result<Self, ProcessError> {
         Self::open_as(run, process, Inhabitant::Ours)
     }
 
-    pub(crate) fn open_as(run: &Path, process: &str, whose: Inhabitant) -> Result<Self, OpenError> {
+    pub(crate) fn open_as(
+        run: &Path,
+        process: &str,
+        whose: Inhabitant,
+    ) -> Result<Self, ProcessError> {
         let run = RunDir::open(run)?;
         let manifest = Manifest::read(&run)?;
         let Some(me) = manifest.index_of(process) else {
-            return Err(OpenError::NotInGraph {
+            return Err(ProcessError::NotInGraph {
                 process: process.into(),
                 run: run.path().display().to_string(),
                 known: manifest.names(),
             });
         };
         let control_page = Arc::new(ControlPage::open(&run)?);
-        let occupied = || OpenError::Occupied {
+        let occupied = || ProcessError::Occupied {
             process: process.into(),
             run: run.name().into(),
             pid: control_page.process(me).pid(),
         };
         let occupancy = run
             .occupy(process)
-            .map_err(OpenError::Occupancy)?
+            .map_err(ProcessError::Occupancy)?
             .ok_or_else(occupied)?;
-        let is_polled = manifest.processes[me].polled;
-        let stop = whose.stop_flag(is_polled).map_err(OpenError::Signals)?;
+        let signalled = Arc::new(AtomicUsize::new(0));
+        // A guest's signals are its own.
+        let caught = [libc::SIGTERM, libc::SIGINT].into_iter();
+        for signal in caught.filter(|_| whose == Inhabitant::Ours) {
+            let flag = Arc::clone(&signalled);
+            signal_hook::flag::register_usize(signal, flag, signal as usize)
+                .map_err(ProcessError::Signals)?;
+        }
         // Before the process is pinned: the watchdog may run on any core.
         let patience = Arc::new(Patience::default());
-        Watchdog::start(&control_page, me, &patience).map_err(OpenError::Watchdog)?;
+        Watchdog::start(&control_page, me, &patience).map_err(ProcessError::Watchdog)?;
         settle(&manifest, me, whose);
         let own = &manifest.processes[me];
         let (hop, disturbance) = (own.hop, own.disturbance);
@@ -202,19 +199,17 @@ impl Shell {
         let bus = join(&run, process, false)?;
         let incarnation = control_page.process(me).incarnation();
         let from = manifest.from;
-        let foreign = manifest.messages.iter().map(|message| depth(message.bytes));
-        let least = foreign.fold(least_depth(&manifest.topics()), usize::min);
         let shared = Context {
             stamping: Stamping::at(hop),
             turns: Turns::of(&manifest, me),
             // A quarter of what is kept: faults make several messages of one tick, and a block of a message log is not in its file yet.
-            recorder_lag: RECORDER_LAG.min(least as u64 / 4),
+            recorder_lag: RECORDER_LAG.min(least_depth(&manifest) as u64 / 4),
             run,
             manifest,
             control_page,
             bus,
             me,
-            stop,
+            signalled,
             has_started: Cell::new(false),
             tick: Cell::new(from),
             incarnation: Cell::new(incarnation),
@@ -236,17 +231,7 @@ impl Shell {
     /// # Errors
     /// When the graph does not list this process as its reader, or the wire formats differ.
     pub fn reader<M: Message>(&self) -> Result<Reader<M>, TopicError> {
-        self.declared("read", M::TOPIC)?;
-        Ok(Reader::new(
-            Rc::clone(&self.shared),
-            self.receiver(Format::of::<M>(), CHAIN_DEPTH)?,
-        ))
-    }
-
-    /// The messages of a topic, also where only the graph knows them; `None`: there is no such topic.
-    pub(crate) fn format(&self, topic: &str) -> Option<Format> {
-        let foreign = || Some(Format::foreign(self.shared.manifest.message(topic)?));
-        Format::named(topic).or_else(foreign)
+        Ok(Reader::new(self.inlet(Format::of::<M>())?))
     }
 
     /// Reads everything of a topic as bytes, in order, in rounds of [`Shell::poll`], also where only the graph knows its message.
@@ -254,7 +239,8 @@ impl Shell {
     /// # Errors
     /// When there is no such message, or the graph does not name this process as a reader.
     pub fn collector(&self, topic: &str) -> Result<Collector, TopicError> {
-        let Some(format) = self.format(topic).filter(|_| self.reads(topic)) else {
+        let format = Format::in_run(self.manifest(), topic);
+        let Some(format) = format.filter(|_| self.reads(topic)) else {
             return Err(TopicError::Unknown {
                 topic: topic.to_owned(),
                 known: self.shared.manifest.topics().join(", "),
@@ -269,52 +255,53 @@ impl Shell {
     /// # Errors
     /// When the graph does not list this process as its writer, or the wire formats differ.
     pub fn writer<M: Message>(&self) -> Result<Writer<M>, TopicError> {
-        self.declared("write", M::TOPIC)?;
         Ok(Writer::new(self.outlet(Format::of::<M>())?))
     }
 
     /// The writing end of a topic, whatever its messages.
     pub(crate) fn outlet(&self, format: Format) -> Result<Outlet, TopicError> {
+        self.declared("write", format.topic, self.writes(format.topic))?;
         let sender = Rc::new(Topic::open(&self.shared.bus, format)?.sender()?);
-        self.shared
-            .attached
-            .ports
-            .borrow_mut()
-            .push(Rc::clone(&sender) as Rc<dyn Connect>);
-        Ok(Outlet::new(&self.shared, format, sender))
+        self.attach(Rc::clone(&sender) as Rc<dyn Connect>);
+        Ok(Outlet::new(&self.shared, sender))
+    }
+
+    fn attach(&self, port: Rc<dyn Connect>) {
+        self.shared.attached.ports.borrow_mut().push(port);
     }
 
     fn receiver(&self, format: Format, depth: usize) -> Result<Rc<Receiver>, TopicError> {
         let receiver = Rc::new(Topic::open(&self.shared.bus, format)?.receiver(depth)?);
-        self.shared
-            .attached
-            .ports
-            .borrow_mut()
-            .push(Rc::clone(&receiver) as Rc<dyn Connect>);
+        self.attach(Rc::clone(&receiver) as Rc<dyn Connect>);
         Ok(receiver)
     }
 
     /// The reading end of a topic, whatever its messages.
     pub(crate) fn inlet(&self, format: Format) -> Result<Ticks, TopicError> {
+        self.declared("read", format.topic, self.reads(format.topic))?;
         let receiver = self.receiver(format, CHAIN_DEPTH)?;
         Ok(Ticks::new(Rc::clone(&self.shared), receiver))
     }
 
-    /// The state of this process, at most so many bytes: in real time that which the last incarnation committed, and the place to fill at every tick before its last
-    /// message.
+    /// The place for the state of this process, at most so many bytes, to fill at every tick before its last message; and in real time the state that the
+    /// last incarnation committed.
     ///
     /// # Errors
-    /// When there is no room for it.
-    pub fn state_cell(&self, most: usize) -> Result<StateCell, OpenError> {
+    /// When there is no room for it, or what was committed is damaged.
+    pub(crate) fn state_cell(
+        &self,
+        most: usize,
+    ) -> Result<(Rc<StateCell>, Option<Vec<u8>>), ProcessError> {
         let shared = &self.shared;
         let path = cell_of(shared.run.path(), shared.name());
-        let failed = |source| OpenError::Checkpoint {
+        let failed = |source| ProcessError::Checkpoint {
             process: shared.name().to_owned(),
             source,
         };
-        let cell = StateCell::open(&path, most).map_err(failed)?;
-        shared.attached.checkpoint.replace(Some(cell.slots()));
-        Ok(cell)
+        let cell = Rc::new(StateCell::open(&path, most).map_err(failed)?);
+        let earlier = cell.newest().map_err(failed)?;
+        shared.attached.checkpoint.replace(Some(Rc::clone(&cell)));
+        Ok((cell, earlier))
     }
 
     /// Before this tick every other process that sends messages has closed all: no message of an earlier one comes any more.
@@ -322,7 +309,7 @@ impl Shell {
         let shared = &self.shared;
         let processes = shared.manifest.processes.iter().enumerate();
         let closed = processes
-            .filter(|(_, process)| !process.polled)
+            .filter(|(_, process)| !process.is_polled())
             .map(|(index, _)| shared.control_page.process(index).ticks());
         closed.min().unwrap_or_default()
     }
@@ -336,7 +323,7 @@ impl Shell {
         let processes = self.shared.manifest.processes.iter();
         let mut saved = Vec::new();
         let saves = |name: &str| cell_of(self.run_dir(), name).exists();
-        for process in processes.filter(|process| !process.polled || saves(&process.name)) {
+        for process in processes.filter(|process| !process.is_polled() || saves(&process.name)) {
             match saved_at(self.run_dir(), &process.name, tick)? {
                 Some(state) => saved.push((process.name.clone(), state)),
                 None => return Ok(None),
@@ -350,23 +337,6 @@ impl Shell {
         TickSource::new(Rc::clone(&self.shared), first)
     }
 
-    /// A polled process's rhythm: ends a round, sleeps until `every` has passed since that began, begins the next; `false` after the round in which
-    /// nothing more can come. It sleeps less where ticks are so quick, or messages so large, that more than a quarter of its buffers would be full by then.
-    ///
-    /// Messages drained in the round count as received: in lockstep the tick source may go on.
-    ///
-    /// # Errors
-    /// When the run does not start within the limit.
-    pub fn poll(&self, every: Duration) -> Result<bool, Interrupted> {
-        self.rounds.poll(&self.shared, every)
-    }
-
-    /// For a polled process: it holds all messages of the round in hand itself, or their logs do. In lockstep the tick source may go on at once, not only
-    /// at the end of the round, when all has been made of them; in a run with faults at the end.
-    pub fn has_taken_in(&self) {
-        self.rounds.have_taken_in(&self.shared);
-    }
-
     /// How time passes in this run.
     pub fn mode(&self) -> Mode {
         self.shared.manifest.mode
@@ -374,28 +344,17 @@ impl Shell {
 
     /// Whether the graph lets this process read a topic.
     pub fn reads(&self, topic: &str) -> bool {
-        self.shared.manifest.processes[self.shared.me]
-            .reads
-            .iter()
-            .any(|one| one == topic)
+        self.own().reads.iter().any(|one| one == topic)
     }
 
     /// Whether the graph lets this process write a topic.
     pub fn writes(&self, topic: &str) -> bool {
-        let own = &self.shared.manifest.processes[self.shared.me];
-        own.writes.iter().any(|one| one == topic)
+        self.own().writes.iter().any(|one| one == topic)
     }
 
-    /// Whether this process only reads.
-    pub(crate) fn writes_nothing(&self) -> bool {
-        self.shared.manifest.processes[self.shared.me]
-            .writes
-            .is_empty()
-    }
-
-    /// Whether this process makes the ticks.
-    pub(crate) fn makes_ticks(&self) -> bool {
-        self.shared.manifest.processes[self.shared.me].makes_ticks
+    /// This process, as the others see it.
+    pub(crate) fn own(&self) -> &Process {
+        self.shared.own()
     }
 
     /// The run as all its processes know it.
@@ -408,34 +367,11 @@ impl Shell {
         self.shared.entry().incarnation()
     }
 
-    /// The faults that concern this process at a tick, and their places in the fault table: for the plant, whose faults are physical, and the
-    /// recorder, whose faults are those of its volume.
-    pub fn faults_at(&self, tick: u64, mut each: impl FnMut(usize, &ScheduledFault, Kind)) {
-        let shared = &self.shared;
-        shared.learn();
-        if !shared.is_unharmed() {
-            shared
-                .faults
-                .known
-                .borrow()
-                .of(shared.me, tick)
-                .for_each(|(place, scheduled, kind)| each(place, scheduled, kind));
-        }
-    }
-
     /// Messages that all processes of the run have sent.
     pub fn sent_by_all(&self) -> u64 {
         (0..self.shared.manifest.processes.len())
             .map(|index| self.shared.control_page.process(index).count(Count::Sent))
             .sum()
-    }
-
-    /// A fault of [`Shell::faults_at`] takes effect now.
-    pub fn mark_injected(&self, place: usize) {
-        self.shared
-            .control_page
-            .fault_table()
-            .mark_injected(place, now_ns());
     }
 
     /// This process has detected its fault.
@@ -447,11 +383,6 @@ impl Shell {
     pub(crate) fn mark_detected_at(&self, tick: u64) {
         let table = self.shared.control_page.fault_table();
         table.mark_detected(self.shared.me, tick, now_ns());
-    }
-
-    /// A message's content is refused: the faults in force are thereby detected.
-    pub fn mark_message_fault_detected(&self) {
-        self.shared.message_fault_detected();
     }
 
     /// All faults of the run so far.
@@ -484,7 +415,7 @@ impl Shell {
             .shared
             .run
             .occupy(place)
-            .map_err(OpenError::Occupancy)?;
+            .map_err(ProcessError::Occupancy)?;
         held.ok_or_else(|| {
             ProcessError::setup(format!(
                 "another process of the run has the place `{place}`, which only one can have"
@@ -502,41 +433,22 @@ impl Shell {
         Arc::clone(&self.patience)
     }
 
-    /// Calls `look` between the sleeps of every wait.
-    pub(crate) fn look_out(&self, look: impl FnMut() -> bool + 'static) {
-        self.shared.look_out.call(look);
-    }
-
     /// Looks out, where a process sleeps in rounds.
     pub(crate) fn look(&self) -> Result<(), Interrupted> {
         let why = self.shared.look_out.look();
         why.map_or(Ok(()), |why| Err(self.shared.asked(why)))
     }
 
-    /// Whether all processes have begun.
-    pub(crate) fn has_started(&self) -> bool {
-        self.shared.has_started.get()
-    }
-
-    pub(crate) fn shared(&self) -> Rc<Context> {
-        Rc::clone(&self.shared)
-    }
-
-    pub(crate) fn declared(
+    fn declared(
         &self,
         action: &'static str,
         topic: &'static str,
+        is_declared: bool,
     ) -> Result<(), TopicError> {
-        let process = &self.shared.manifest.processes[self.shared.me];
-        let topics = if action == "read" {
-            &process.reads
-        } else {
-            &process.writes
-        };
-        match topics.iter().any(|one| one == topic) {
+        match is_declared {
             true => Ok(()),
             false => Err(TopicError::Undeclared {
-                process: process.name.clone(),
+                process: self.name().to_owned(),
                 action,
                 topic,
             }),
@@ -555,16 +467,6 @@ pub(crate) enum Inhabitant {
     Visitor,
 }
 
-impl Inhabitant {
-    /// It leaves signals to the program of a guest.
-    fn stop_flag(self, is_polled: bool) -> std::io::Result<StopFlag> {
-        match self {
-            Self::Ours => StopFlag::new(is_polled),
-            Self::Guest | Self::Visitor => Ok(StopFlag::without_signals(is_polled)),
-        }
-    }
-}
-
 /// Pins the process where the graph wants it and, in real time, takes its scheduling class and locks its memory.
 fn settle(manifest: &Manifest, me: usize, whose: Inhabitant) {
     if whose == Inhabitant::Visitor {
@@ -574,17 +476,16 @@ fn settle(manifest: &Manifest, me: usize, whose: Inhabitant) {
     let mut missing = Vec::new();
     missing.extend(process.core.and_then(|core| realtime::pin(core).err()));
     if !manifest.is_lockstep() {
-        // No other process waits for one that writes nothing.
-        let lock = if process.writes.is_empty() || whose == Inhabitant::Guest {
+        let is_guest = whose == Inhabitant::Guest;
+        let lock = if is_guest && !realtime::Rights::query().lock_memory() {
+            Lock::Never
+        } else if is_guest || process.is_polled() {
+            // No other process waits for one that only reads.
             Lock::AsTouched
         } else {
             Lock::AtOnce
         };
-        match whose == Inhabitant::Guest && !realtime::Rights::query().lock_memory() {
-            // A later request of a guest would be refused.
-            true => missing.extend(realtime::enter_unlocked(process.priority)),
-            false => missing.extend(realtime::enter(process.priority, lock)),
-        }
+        missing.extend(realtime::enter(process.priority, lock));
     }
     if !missing.is_empty() {
         let missing = missing

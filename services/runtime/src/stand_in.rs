@@ -10,9 +10,9 @@ use rustix::process::{Pid, PidfdFlags, getpid, pidfd_open};
 use crate::complain::complain;
 use crate::control_page::{ControlPage, Stop};
 use crate::environment::{PROCESS_VARIABLE, RUN_VARIABLE};
-use crate::manifest::Manifest;
+use crate::manifest::{Manifest, Process};
 use crate::run_dir::RunDir;
-use crate::shell::{OpenError, ProcessError, Shell};
+use crate::shell::{ProcessError, Shell};
 
 /// How often it looks.
 const LOOK: Duration = Duration::from_millis(20);
@@ -34,7 +34,7 @@ impl Shell {
         let Some(place) = self.stand_in() else {
             return Ok(());
         };
-        self.shared().look_out.watch(self.launched());
+        self.shared.look_out.watch(self.launched());
         leave(&place, &getpid().as_raw_nonzero().to_string())
     }
 
@@ -45,7 +45,7 @@ impl Shell {
 
     /// The process that the launcher has started as this one.
     fn launched(&self) -> Option<Pid> {
-        Pid::from_raw(self.shared().entry().pid() as i32)
+        Pid::from_raw(self.shared.entry().pid() as i32)
     }
 }
 
@@ -67,15 +67,12 @@ pub(crate) fn part(stand_in: &Path, why: &str) {
 /// # Errors
 /// [`ProcessError`] if it does not come, or ends before the run does.
 pub fn stand_in(run: &Path, process: &str, limit: Duration) -> Result<(), ProcessError> {
-    let run_dir = RunDir::open(run).map_err(OpenError::from)?;
-    let manifest = Manifest::read(&run_dir).map_err(OpenError::from)?;
-    let page = ControlPage::open(&run_dir).map_err(OpenError::from)?;
+    let run_dir = RunDir::open(run)?;
+    let (manifest, page) = (Manifest::read(&run_dir)?, ControlPage::open(&run_dir)?);
     let me = manifest.index_of(process).unwrap_or(0);
-    let is_polled = manifest.processes.get(me).is_some_and(|me| me.polled);
-    let is_stopping = || match is_polled {
-        true => page.stop() >= Stop::Everything,
-        false => page.stop() >= Stop::Chain,
-    };
+    let own = manifest.processes.get(me);
+    let stops_at = own.map_or(Stop::Chain, Process::stops_at);
+    let is_stopping = || page.stop() >= stops_at;
     let (path, began) = (place(run, process), Instant::now());
     let _ = std::fs::remove_file(&path);
     complain(&format_args!(

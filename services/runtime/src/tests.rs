@@ -2,19 +2,20 @@
 
 use std::time::Duration;
 
-use shared_types::fault::{Fault, Kind, Target};
-use shared_types::process::Role;
-use shared_types::{PlantState, SensorSample, SingularityReport, StateEstimate};
+use process::Packed;
+use shared_types::{Message, PlantState, SensorSample, SingularityReport, StateEstimate};
 
+use crate::bus::depth::{CHAIN_DEPTH, RECORDER_DEPTH};
 use crate::bus::error::TopicError;
-use crate::bus::format::{Format, header};
+use crate::bus::format::Format;
 use crate::bus::node::join;
 use crate::bus::topic::Topic;
 use crate::{
-    CHAIN_DEPTH, Collector, ControlPage, Count, Hub, Interrupted, Manifest, Mode, OpenError,
-    Origin, Phase, Process, RECORDER_DEPTH, Reader, RunDir, SendError, Shell, Stop, Writer, now_ns,
+    Collector, ControlPage, Count, Hub, Interrupted, Manifest, Mode, Phase, Process, ProcessError,
+    Reader, RunDir, SendError, Shell, Stop, Writer, now_ns,
 };
 
+mod allocations;
 mod declared;
 mod hoarder;
 mod loans;
@@ -38,7 +39,6 @@ fn stage_of(mode: Mode, names: &[&str], change: impl FnOnce(&mut Manifest)) -> S
             name: name.into(),
             reads: own(reads),
             writes: own(writes),
-            polled: writes.is_empty(),
             hop: ["plant", "estimator"].iter().position(|hop| *hop == name),
             ..Process::default()
         }
@@ -90,49 +90,13 @@ impl Stage {
         let ends = (plant.writer().unwrap(), estimator.reader().unwrap());
         (estimator, ends.0, ends.1)
     }
-
-    /// Enters a fault of the process at a place of the manifest.
-    fn fault(&self, index: u32, fault: &Fault, origin: Origin) -> usize {
-        let role = if index == 0 { Role::World } else { Role::Stage };
-        let on = Target::sending::<SensorSample>(index, role);
-        let scheduled = fault.schedule(&on, 1000, 0).unwrap();
-        let table = self.control_page.fault_table();
-        table.enter(&scheduled, origin).unwrap()
-    }
-
-    /// A death from a tick on, for so many.
-    fn death(&self, index: u32, at: u64, ticks: u64, origin: Origin) -> usize {
-        let death = Fault {
-            at_tick: Some(at),
-            for_ticks: Some(ticks),
-            ..Fault::new("estimator", Kind::Kill)
-        };
-        self.fault(index, &death, origin)
-    }
-
-    fn strike(&self, place: usize) {
-        self.control_page
-            .fault_table()
-            .mark_injected(place, now_ns());
-    }
 }
 
-fn sample(tick: u64) -> SensorSample {
-    let mut sample = SensorSample::default();
-    sample.header.tick = tick;
-    sample
-}
-
-fn estimate(tick: u64) -> StateEstimate {
-    let mut estimate = StateEstimate::default();
-    estimate.header.tick = tick;
-    estimate
-}
-
-fn send(sensors: &mut Writer<SensorSample>, ticks: impl IntoIterator<Item = u64>) {
-    ticks
-        .into_iter()
-        .for_each(|tick| sensors.send(sample(tick)).unwrap());
+fn send<M: Message>(writer: &mut Writer<M>, ticks: impl IntoIterator<Item = u64>) {
+    for tick in ticks {
+        writer.loan(tick).unwrap();
+        writer.send().unwrap();
+    }
 }
 
 /// The tick of the next message, if there is one.
@@ -151,7 +115,7 @@ fn at(inlet: &mut Reader<SensorSample>, tick: u64) -> Result<Option<u64>, Interr
 
 fn collected(collector: &mut Collector) -> Vec<u64> {
     let mut ticks = Vec::new();
-    let take = |message: &[u8]| ticks.push(header(message).tick);
+    let take = |message: &[u8]| ticks.push(Packed::of(message).header().tick);
     collector.collect(take).unwrap();
     ticks
 }
@@ -172,7 +136,7 @@ fn in_lockstep_every_tick_is_handed_over_once_and_in_order() {
     send(&mut sensors, [0, 1, 1, 2]);
     for tick in 0..3 {
         assert_eq!(next(&mut inlet), Ok(Some(tick)));
-        estimates.send(estimate(tick)).unwrap();
+        send(&mut estimates, [tick]);
     }
     assert_eq!(estimator.count(Count::Repeated), 1);
     send(&mut sensors, [4]);
@@ -185,31 +149,6 @@ fn in_lockstep_every_tick_is_handed_over_once_and_in_order() {
     assert_eq!(next(&mut inlet), Err(is_lost));
     // A message of a later tick stays in the buffer.
     assert_eq!(at(&mut inlet, 4), Ok(Some(4)));
-}
-
-#[test]
-fn an_absent_process_closes_its_ticks_without_a_message_and_returns_as_another_incarnation() {
-    let stage = stage_of(Mode::Lockstep, &["plant", "estimator"], |_| ());
-    // The launcher has started all processes again since this death.
-    stage.strike(stage.death(1, 2, 3, Origin::Planned));
-    let (estimator, mut sensors, mut inlet) = stage.pair();
-    let mut estimates = estimator.writer::<StateEstimate>().unwrap();
-    let bus = join(&stage.run, "probe", false).unwrap();
-    let topic = Topic::open(&bus, Format::of::<StateEstimate>()).unwrap();
-    let probe = topic.receiver(CHAIN_DEPTH).unwrap();
-    send(&mut sensors, 0..7);
-    for tick in [0, 1, 5, 6] {
-        assert_eq!(next(&mut inlet), Ok(Some(tick)));
-        assert_eq!(stage.control_page.process(1).ticks(), tick);
-        estimates.send(estimate(tick)).unwrap();
-        let header = *probe.receive().unwrap().unwrap().header();
-        assert_eq!(
-            (header.tick, header.incarnation),
-            (tick, 1 + u32::from(tick > 1))
-        );
-    }
-    let counts = [Count::Lost, Count::Repeated].map(|count| estimator.count(count));
-    assert_eq!(counts, [0, 0]);
 }
 
 #[test]
@@ -235,7 +174,7 @@ fn in_real_time_a_replaced_recorder_gets_the_last_messages_once() {
 #[test]
 fn in_real_time_a_replacement_is_not_held_up_by_messages_of_before() {
     let stage = stage(Mode::Realtime);
-    let mut sensors = stage.shell("plant").writer().unwrap();
+    let mut sensors = stage.shell("plant").writer::<SensorSample>().unwrap();
     send(&mut sensors, 0..100);
     stage.control_page.process(1).begin_incarnation();
     let estimator = stage.shell("estimator");
@@ -296,15 +235,14 @@ fn every_wait_ends_by_deadline_limit_or_stop() {
 fn a_message_that_is_not_finite_does_not_leave() {
     let stage = stage(Mode::Lockstep);
     let (_estimator, mut sensors, mut inlet) = stage.pair();
-    let mut bad = sample(0);
-    bad.q_encoder[3] = f64::NAN;
+    sensors.loan(0).unwrap().q_encoder[3] = f64::NAN;
     let refused = SendError::NotFinite {
         process: "plant".into(),
         topic: "sensor",
         tick: 0,
         field: "q_encoder",
     };
-    assert_eq!(sensors.send(bad), Err(refused));
+    assert_eq!(sensors.send(), Err(refused));
     assert_eq!(stage.control_page.process(0).count(Count::NotFinite), 1);
     send(&mut sensors, [0]);
     assert_eq!(inlet.next().unwrap().unwrap().q_encoder[3], 0.0);
@@ -319,12 +257,12 @@ fn stamps_tell_the_way_of_the_data() {
     let topic = Topic::open(&bus, Format::of::<StateEstimate>()).unwrap();
     let probe = topic.receiver(CHAIN_DEPTH).unwrap();
     let mut stamps_of = |tick| {
-        estimates.send(estimate(tick)).unwrap();
+        send(&mut estimates, [tick]);
         probe.receive().unwrap().unwrap().header().stamps
     };
-    let mut forged = sample(0);
+    let forged = sensors.loan(0).unwrap();
     forged.header.stamps.sent_ns = [7; shared_types::wire::MAX_HOPS];
-    sensors.send(forged).unwrap();
+    sensors.send().unwrap();
     assert_eq!(next(&mut inlet), Ok(Some(0)));
     let shared_types::Stamps {
         received_ns,
@@ -358,7 +296,7 @@ fn a_reader_that_never_reads_blocks_nobody_and_finds_the_newest() {
 fn in_lockstep_the_source_waits_for_the_recorder() {
     let stage = stage_of(Mode::Lockstep, &["plant", "recorder"], |_| ());
     let (plant, recorder) = (stage.shell("plant"), stage.shell("recorder"));
-    let mut sensors = plant.writer().unwrap();
+    let mut sensors = plant.writer::<SensorSample>().unwrap();
     let mut drain = recorder.collector("sensor").unwrap();
     let mut tick_source = plant.tick_source(0);
     let mut sent = 0;
@@ -396,7 +334,12 @@ fn another_wire_format_is_refused_with_both_versions() {
     let run = RunDir::create().unwrap();
     manifest.write(&run).unwrap();
     let _page = ControlPage::create(&run).unwrap();
-    let _hub = Hub::create_speaking(&run, &manifest, 0xabad_cafe).unwrap();
+    let other = Format {
+        layout: 0xabad_cafe,
+        ..Format::of::<SensorSample>()
+    };
+    let bus = join(&run, "launcher", true).unwrap();
+    let _topic = Topic::create(&bus, other, 1, false).unwrap();
     let plant = Shell::open(run.path(), "plant").unwrap();
     match plant.writer::<SensorSample>().map(drop) {
         Err(TopicError::WireFormat { found, ours, .. }) => assert_eq!(

@@ -6,7 +6,7 @@ use crate::clock::{now_ns, sleep_until};
 use crate::context::Context;
 use crate::control_page::{Count, State, Stop};
 use crate::realtime::Usage;
-use crate::wait::{Interrupted, Waited};
+use crate::wait::Interrupted;
 
 /// Ticks between two reads of the kernel's counters: reading them at each tick would cost a system
 /// call.
@@ -48,23 +48,29 @@ impl TickSource {
         reason = "it can fail; `while let Some(tick) = tick_source.next()?`"
     )]
     pub fn next(&mut self) -> Result<Option<u64>, Interrupted> {
-        if !matches!(self.context.start()?, Waited::Ready(())) {
+        self.next_after(|source| match source.context.is_lockstep() {
+            true => source.context.wait_for_others(source.next_tick),
+            false => {
+                source.wait_for_grid();
+                Ok(true)
+            }
+        })
+    }
+
+    /// Begins the next tick when `wait` has returned: `false` when the run stops meanwhile.
+    fn next_after(
+        &mut self,
+        wait: impl FnOnce(&mut Self) -> Result<bool, Interrupted>,
+    ) -> Result<Option<u64>, Interrupted> {
+        if !self.begin()? {
             return Ok(None);
         }
-        let tick = self.next_tick;
         if self.context.control_page.stop() == Stop::Ticks {
             self.finish()?;
             return Ok(None);
         }
-        self.coming();
-        if self.context.is_lockstep() {
-            if !matches!(self.context.wait_for_others(tick)?, Waited::Ready(())) {
-                return Ok(None);
-            }
-        } else {
-            self.wait_for_grid();
-        }
-        if self.context.is_stopping() {
+        let tick = self.coming();
+        if !wait(self)? || self.context.is_stopping() {
             return Ok(None);
         }
         self.next_tick += 1;
@@ -89,7 +95,7 @@ impl TickSource {
     /// # Errors
     /// When the run does not start within the limit.
     pub fn begin(&mut self) -> Result<bool, Interrupted> {
-        Ok(matches!(self.context.start()?, Waited::Ready(())))
+        self.context.start()
     }
 
     /// Begins the next tick at once, for a plant whose own clock paces the run in real time. `passed`: periods of that clock since the tick before; all
@@ -98,24 +104,12 @@ impl TickSource {
     /// # Errors
     /// When the run does not start within the limit.
     pub fn next_by(&mut self, passed: u64) -> Result<Option<u64>, Interrupted> {
-        let is_ready = self.begin()?;
-        let context = &self.context;
-        if context.control_page.stop() == Stop::Ticks {
-            self.finish()?;
-            return Ok(None);
-        }
-        if !is_ready || context.is_stopping() {
-            return Ok(None);
-        }
-        let tick = self.next_tick;
-        self.coming();
-        self.count_skipped(passed.saturating_sub(1));
-        self.grid_ns = now_ns();
-        self.context.stamping.set_due(self.grid_ns);
-        self.next_tick += 1;
-        self.context.tick.set(tick);
-        self.context.attend(tick);
-        Ok(Some(tick))
+        self.next_after(|source| {
+            source.count_skipped(passed.saturating_sub(1));
+            source.grid_ns = now_ns();
+            source.context.stamping.set_due(source.grid_ns);
+            Ok(true)
+        })
     }
 
     /// Ends the run: without this, the end of the process that makes the ticks is a death. Waits until every process outside the loop has closed the ticks

@@ -12,7 +12,7 @@ use crate::bus::node::{Bus, join};
 use crate::bus::port::Receiver;
 use crate::bus::topic::Topic;
 use crate::run_dir::RunDir;
-use crate::shell::OpenError;
+use crate::shell::ProcessError;
 
 /// Reads what comes on the topics of a run, and misses what comes too fast.
 pub struct Watcher {
@@ -26,7 +26,11 @@ impl Watcher {
     ///
     /// # Errors
     /// When the run has no such topic, or not yet.
-    pub fn open(run: &Path, name: &str, reads: impl Fn(&str) -> bool) -> Result<Self, OpenError> {
+    pub fn open(
+        run: &Path,
+        name: &str,
+        reads: impl Fn(&str) -> bool,
+    ) -> Result<Self, ProcessError> {
         let bus = join(&RunDir::open(run)?, name, false)?;
         let ports = Port::all().into_iter().enumerate();
         let read = ports.filter(|(_, port)| reads(port.topic));

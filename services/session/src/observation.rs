@@ -5,13 +5,15 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use runtime::{
-    ControlPage, Counts, Distribution, FaultRecord, FoundRun, LiveSingularity, Manifest, RunDir,
-    SHM, State, Stop,
+    ControlPage, Counts, Distribution, FaultRecord, FoundRun, Manifest, RunDir, SHM, State, Stop,
 };
 use serde::Serialize;
 use shared_types::codes::{self, name_of, singularity_name};
 use shared_types::fault::Kind;
 use shared_types::job::{JOB, Job};
+use shared_types::{
+    ControlState, SensorSample, SingularityReport, SingularityState, TorqueCommand,
+};
 
 use crate::Failure;
 use crate::table::{number, table};
@@ -345,7 +347,11 @@ impl Observer {
             }
         };
         let tick = now.iter().map(|one| one.ticks).max().unwrap_or(0);
-        let arm = page.live_state();
+        let (report, modes) = (
+            page.latest::<SingularityReport>(),
+            page.latest::<ControlState>().mode,
+        );
+        let sample = page.latest::<SensorSample>();
         let processes = &self.manifest.processes;
         let name = |place: u32| processes.get(place as usize).map(|one| one.name.clone());
         let fault = |(_, record): (usize, FaultRecord)| ObservedFault {
@@ -361,10 +367,13 @@ impl Observer {
             mode: self.manifest.mode.name(),
             rate_hz: self.manifest.rate_hz,
             processes: (0..now.len()).map(process).collect(),
-            drive: name_of(codes::DRIVES, arm.drive),
-            stale_ticks: arm.stale_ticks.into(),
-            phase: name_of(codes::PHASES, arm.phase),
-            singularities: (0..).zip(&arm.singularities).map(singularity).collect(),
+            drive: name_of(codes::DRIVES, sample.drive),
+            stale_ticks: sample.stale_ticks.into(),
+            phase: name_of(codes::PHASES, page.latest::<TorqueCommand>().phase),
+            singularities: (0..)
+                .zip(report.listed().iter().zip(modes))
+                .map(singularity)
+                .collect(),
             faults: page.fault_table().records().map(fault).collect(),
         };
         (self.at, self.before) = (at, now);
@@ -398,12 +407,12 @@ fn times(before: &Distribution, now: &Distribution) -> Times {
     }
 }
 
-fn singularity((place, one): (usize, &LiveSingularity)) -> ObservedSingularity {
+fn singularity((place, (one, mode)): (usize, (&SingularityState, u32))) -> ObservedSingularity {
     ObservedSingularity {
         name: singularity_name(one.kind, place).to_owned(),
         s: one.s,
-        inside: one.is_inside,
+        inside: one.inside != 0,
         class: name_of(codes::TYPES, one.class),
-        mode: name_of(codes::MODES, one.mode),
+        mode: name_of(codes::MODES, mode),
     }
 }

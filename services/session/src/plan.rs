@@ -3,11 +3,9 @@
 use std::time::Duration;
 
 use launcher::{Child, Limits, Plan, Restart};
-use runtime::ForeignMessage;
 use runtime::realtime::allowed_cores;
 use shared_types::graph::{self, Graph, Role};
 use shared_types::job::{Job, Mode};
-use shared_types::layout::MessageLayout;
 use shared_types::process::Process;
 
 use crate::failure::Failure;
@@ -37,7 +35,6 @@ pub fn plan(job: &Job) -> Result<Plan, Failure> {
             name: process.name.clone(),
             reads: [&process.reads[..], &process.feedback].concat(),
             writes: process.writes.clone(),
-            polled: process.role() == Role::Observer,
             makes_ticks: process.role() == Role::World,
             hop: hops.iter().position(|hop| hop.name == process.name),
             core: (!cores.is_empty()).then(|| cores[(process.core + turn) % cores.len()]),
@@ -53,7 +50,7 @@ pub fn plan(job: &Job) -> Result<Plan, Failure> {
             },
         },
     });
-    let messages = graph.own_messages().map(foreign).collect();
+    let messages = graph.own_messages().collect();
     let is_external = |process: &Process| process.external || !process.robot.is_empty();
     let limits = match graph.process.iter().any(is_external) {
         true => Limits {
@@ -89,15 +86,5 @@ fn with_joining(limits: Limits, graph: &Graph) -> Limits {
     Limits {
         start: longest.max().max(limits.start),
         ..limits
-    }
-}
-
-/// The part of a declared message that every process of the run must know.
-fn foreign(layout: MessageLayout) -> ForeignMessage {
-    ForeignMessage {
-        topic: layout.topic,
-        type_name: layout.type_name,
-        bytes: layout.bytes,
-        hash: layout.hash,
     }
 }

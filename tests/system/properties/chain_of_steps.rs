@@ -223,7 +223,7 @@ pub fn fingers(bytes: &[u8]) {
             let mut read = process.step.reads().iter();
             let is_told = read.all(|port| {
                 let message = messages.get(port.topic);
-                message.is_none_or(|message| (port.is_finite)(message.bytes()))
+                message.is_none_or(|message| (port.not_finite)(message.bytes()).is_none())
             });
             let (flow, sent) = process.answer(tick, &messages);
             if flow == Flow::Over {
@@ -234,7 +234,7 @@ pub fn fingers(bytes: &[u8]) {
             }
             for (port, mut message) in sent {
                 holds_safe_torques(port, &message, &case.robot);
-                if !(port.is_finite)(message.bytes()) {
+                if (port.not_finite)(message.bytes()).is_some() {
                     let answers_all = place == 0 || place == 1 && is_told;
                     assert!(!answers_all, "{} of {place}: {message:?}", port.topic);
                     if is_guarded {
@@ -251,7 +251,7 @@ pub fn fingers(bytes: &[u8]) {
                         command.phase %= 3;
                     }
                 }
-                let is_refused = is_guarded && !(port.is_finite)(message.bytes());
+                let is_refused = is_guarded && (port.not_finite)(message.bytes()).is_some();
                 if dropped & 1 << place == 0 && !is_refused {
                     messages.insert(port.topic, message);
                 }

@@ -4,6 +4,7 @@ use std::os::unix::fs::FileExt;
 
 use recorder::{Contents, Cut, Item, MESSAGES, RecordReader, RecordWriter};
 use runtime::{ControlPage, MAX_PROCESSES, MOST_FAULTS, Manifest, RunDir};
+use shared_types::SingularityReport;
 use shared_types::fault::ScheduledFault;
 use shared_types::graph::{BUILT_IN, Graph};
 
@@ -66,8 +67,8 @@ pub fn record(bytes: &[u8]) {
 
 /// A manifest as a run has it, but shorter.
 pub const MANIFEST: &str = r#"{"mode":"lockstep","rate_hz":1000,"wait_limit":{"secs":10,"nanos":0},"processes":[
-{"name":"plant","reads":["torque"],"writes":["sensor"],"polled":false,"makes_ticks":true,"core":0,"priority":80},
-{"name":"controller","reads":["sensor"],"writes":["torque"],"polled":false,"core":null,"priority":null}]}"#;
+{"name":"plant","reads":["torque"],"writes":["sensor"],"makes_ticks":true,"core":0,"priority":80},
+{"name":"controller","reads":["sensor"],"writes":["torque"],"core":null,"priority":null}]}"#;
 
 /// A manifest of any bytes is refused with a sentence, or one that a run can be held by.
 pub fn manifest(bytes: &[u8]) {
@@ -107,7 +108,8 @@ pub fn control_page(bytes: &[u8]) {
                 .expect("shared memory");
         }
         let control_page = ControlPage::open(run).expect("its size and mark are right");
-        let _ = (control_page.stop(), control_page.live_state());
+        let report = control_page.latest::<SingularityReport>();
+        let _ = (control_page.stop(), report.listed());
         for index in 0..MAX_PROCESSES {
             let line = control_page.process(index);
             let (step, age) = (line.step(), line.age());

@@ -129,7 +129,10 @@ pub(super) fn open(
 
 fn sender<M: Message>(shell: &Shell) -> Result<Send, ProcessError> {
     let mut writer = shell.writer::<M>()?;
-    Ok(Box::new(move |number| Ok(writer.loan(number)?.send()?)))
+    Ok(Box::new(move |number| {
+        writer.loan(number)?;
+        Ok(writer.send()?)
+    }))
 }
 
 fn receiver<M: Message>(shell: &Shell) -> Result<Receive, ProcessError> {

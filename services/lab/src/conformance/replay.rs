@@ -480,7 +480,7 @@ impl Player {
             // The record says when the task was over.
             let _ = self
                 .member
-                .compute(&inputs, &mut self.now, &mut self.scratch);
+                .step_on(&inputs, 1, &mut self.now, &mut self.scratch);
         }
         match (has_left, is_whole) {
             (true, true) => self.compare(row),
@@ -529,7 +529,7 @@ impl Player {
         }
         let _ = self
             .member
-            .compute(&inputs, &mut self.now, &mut self.scratch);
+            .step_on(&inputs, 1, &mut self.now, &mut self.scratch);
         self.compare(row);
         self.torques.extend(messages.torque);
         None

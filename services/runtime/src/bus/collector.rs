@@ -2,8 +2,7 @@
 
 use std::rc::Rc;
 
-use crate::bus::format::header;
-use crate::bus::inlet::{Admission, Inlet};
+use crate::bus::inlet::Inlet;
 use crate::bus::port::Receiver;
 use crate::context::Context;
 use crate::control_page::Count;
@@ -20,7 +19,9 @@ pub struct Collector {
 impl Collector {
     pub(crate) fn new(shared: Rc<Context>, receiver: Rc<Receiver>) -> Self {
         let from = shared.manifest.from;
-        let inlet = Inlet::new(shared, receiver, Admission::InOrder);
+        let mut inlet = Inlet::new(shared, receiver);
+        // Messages of dead processes belong into the record.
+        inlet.living = None;
         Self {
             inlet,
             last: from.checked_sub(1),
@@ -34,7 +35,7 @@ impl Collector {
     /// When iceoryx2 fails.
     pub fn collect(&mut self, mut take: impl FnMut(&[u8])) -> Result<(), Interrupted> {
         while let Some(message) = self.inlet.receive_any()? {
-            let tick = header(&message).tick;
+            let tick = message.tick();
             if tick >= self.from && self.inlet.admits(&message) {
                 self.count(tick);
                 take(&message);

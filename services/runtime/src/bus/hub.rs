@@ -8,11 +8,11 @@ use std::time::Duration;
 use iceoryx2::identifiers::UniqueNodeId;
 use iceoryx2::node::NodeView as _;
 use iceoryx2::prelude::*;
-use shared_types::topics::{TOPICS, wire_hash};
+use shared_types::topics::TOPICS;
 
 use crate::bus::error::TopicError;
 use crate::bus::format::Format;
-use crate::bus::node::{Bus, join};
+use crate::bus::node::{Bus, join, unusable};
 use crate::bus::topic::Topic as Service;
 use crate::manifest::Manifest;
 use crate::run_dir::RunDir;
@@ -40,33 +40,17 @@ impl Hub {
     /// # Errors
     /// When the graph names a topic that has no message, or shared memory cannot be used.
     pub fn create(run: &RunDir, manifest: &Manifest) -> Result<Self, TopicError> {
-        Self::create_speaking(run, manifest, wire_hash())
-    }
-
-    pub(crate) fn create_speaking(
-        run: &RunDir,
-        manifest: &Manifest,
-        wire: u64,
-    ) -> Result<Self, TopicError> {
         let node = join(run, "launcher", true)?;
-        run.make_private().map_err(|e| TopicError::Node {
-            run: run.name().to_owned(),
-            reason: e.to_string(),
-        })?;
+        run.make_private().map_err(|e| unusable(run.name(), e))?;
         // A replacement of the recorder gets the messages once more that its predecessor had not written yet.
         let has_history = !manifest.is_lockstep();
         let topics = manifest.topics().into_iter().map(|topic| {
-            let (format, layout) = match manifest.message(topic) {
-                Some(message) => (Format::foreign(message), message.hash),
-                None => (format_by_name(topic)?, wire),
+            let unknown = || TopicError::Unknown {
+                topic: topic.to_owned(),
+                known: TOPICS.join(", "),
             };
-            Service::create(
-                &node,
-                format,
-                manifest.readers_of(topic),
-                layout,
-                has_history,
-            )
+            let format = Format::in_run(manifest, topic).ok_or_else(unknown)?;
+            Service::create(&node, format, manifest.readers_of(topic), has_history)
         });
         Ok(Self {
             _topics: topics.collect::<Result<_, _>>()?,
@@ -79,17 +63,14 @@ impl Hub {
     /// # Errors
     /// When something of a dead process cannot be cleared away.
     pub fn clear_dead(&self) -> Result<u64, TopicError> {
-        let mut dead = Vec::new();
+        let (mut dead, run) = (Vec::new(), &self.node.config().global.prefix);
         let found = Node::<ipc::Service>::list(self.node.config(), |state| {
             if let NodeState::Dead(view) = state {
                 dead.push(view);
             }
             CallbackProgression::Continue
         });
-        found.map_err(|e| TopicError::Node {
-            run: self.node.config().global.prefix.to_string(),
-            reason: e.to_string(),
-        })?;
+        found.map_err(|e| unusable(&run.to_string(), e))?;
         let count = dead.len() as u64;
         dead.iter()
             .for_each(|view| remove_unfinished_tags(self.node.config(), view.id()));
@@ -105,10 +86,7 @@ impl Hub {
         });
         match failures.collect::<Vec<_>>() {
             failures if failures.is_empty() => Ok(count),
-            failures => Err(TopicError::Node {
-                run: self.node.config().global.prefix.to_string(),
-                reason: failures.join("; "),
-            }),
+            failures => Err(unusable(&run.to_string(), failures.join("; "))),
         }
     }
 }
@@ -135,12 +113,4 @@ fn remove_unfinished_tags(config: &Config, id: &UniqueNodeId) {
     entries
         .filter(is_unfinished)
         .for_each(|entry| drop(std::fs::remove_file(entry.path())));
-}
-
-/// A topic's name decides its message.
-fn format_by_name(topic: &str) -> Result<Format, TopicError> {
-    Format::named(topic).ok_or_else(|| TopicError::Unknown {
-        topic: topic.to_owned(),
-        known: TOPICS.join(", "),
-    })
 }

@@ -5,20 +5,10 @@ use std::rc::Rc;
 
 use process::Fence;
 
-use crate::bus::format::{Format, header};
 use crate::bus::port::{Incoming, Receiver};
 use crate::context::Context;
 use crate::control_page::Count;
 use crate::wait::Interrupted;
-
-/// The writers whose messages count.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Admission {
-    /// In real time those of the living: no process acts on messages of a dead one.
-    OfTheLiving,
-    /// All, as long as they arrive in order: messages of dead processes belong into the record.
-    InOrder,
-}
 
 /// The entrance for messages into the process.
 pub(crate) struct Inlet {
@@ -32,14 +22,19 @@ pub(crate) struct Inlet {
     /// Messages sent before this reader joined may still come, the last to a replacement in real time: those received are not those counted since.
     has_history: bool,
     fence: Fence,
-    admission: Admission,
+    /// In real time: only messages of the living incarnation of this process count, for no process acts on those of a dead one.
+    pub(super) living: Option<usize>,
 }
 
 impl Inlet {
-    pub(crate) fn new(shared: Rc<Context>, receiver: Rc<Receiver>, admission: Admission) -> Self {
-        let topic = receiver.format().topic;
-        let (writer, topic) = (shared.manifest.writer_of(topic), shared.topic_index(topic));
-        let has_history = !shared.is_lockstep() && shared.entry().incarnation() > 1;
+    pub(crate) fn new(shared: Rc<Context>, receiver: Rc<Receiver>) -> Self {
+        let topic = receiver.format.topic;
+        let (writer, topic) = (
+            shared.manifest.writer_of(topic),
+            shared.manifest.topic_index(topic),
+        );
+        let is_lockstep = shared.is_lockstep();
+        let has_history = !is_lockstep && shared.entry().incarnation() > 1;
         Self {
             shared,
             receiver,
@@ -48,13 +43,8 @@ impl Inlet {
             empty_at: None,
             has_history,
             fence: Fence::default(),
-            admission,
+            living: writer.filter(|_| !is_lockstep),
         }
-    }
-
-    /// The messages of the topic.
-    pub(crate) fn format(&self) -> &Format {
-        self.receiver.format()
     }
 
     /// The next message, whether it counts or not.
@@ -62,7 +52,7 @@ impl Inlet {
     pub(crate) fn receive_any(&self) -> Result<Option<Incoming>, Interrupted> {
         self.receiver
             .receive()
-            .map_err(|error| self.shared.port_failed(self.format().topic, error))
+            .map_err(|error| self.shared.port_failed(self.receiver.format.topic, error))
     }
 
     /// The next message that counts, in shared memory still: of a living incarnation, and all its numbers finite.
@@ -95,28 +85,21 @@ impl Inlet {
     /// Whether a message is valid. Invalid ones are counted by kind, except those that a fault
     /// hides from this reader alone.
     #[inline]
-    pub(crate) fn admits(&mut self, message: &[u8]) -> bool {
-        let living = match (
-            self.shared.is_lockstep() || self.admission == Admission::InOrder,
-            self.writer,
-        ) {
-            (false, Some(writer)) => Some(self.shared.control_page.process(writer).incarnation()),
-            _ => None,
-        };
-        let format = self.receiver.format();
-        let refused = if message.len() != format.bytes {
-            Count::Refused
-        } else if self.shared.is_cut(format.topic, header(message).tick) {
+    pub(crate) fn admits(&mut self, message: &Incoming) -> bool {
+        let incarnation = |writer| self.shared.control_page.process(writer).incarnation();
+        let living = self.living.map(incarnation);
+        let (format, header) = (&self.receiver.format, message.header());
+        if self.shared.is_cut(format.topic, header.tick) {
             return false;
-        } else if !self.fence.admits(header(message).incarnation, living)
-            && !self.shared.is_unfenced()
-        {
-            Count::Fenced
-        } else if !(format.is_finite)(message) {
-            Count::Refused
-        } else {
-            return true;
-        };
+        }
+        let refused =
+            if !self.fence.admits(header.incarnation, living) && !self.shared.is_unfenced() {
+                Count::Fenced
+            } else if (format.not_finite)(message).is_some() {
+                Count::Refused
+            } else {
+                return true;
+            };
         self.refuse(refused);
         false
     }
@@ -139,7 +122,7 @@ impl Inlet {
         let has_samples = self
             .receiver
             .has_samples()
-            .map_err(|error| self.shared.port_failed(self.format().topic, error))?;
+            .map_err(|error| self.shared.port_failed(self.receiver.format.topic, error))?;
         if has_samples {
             self.empty_at = None;
         }

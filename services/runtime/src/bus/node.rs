@@ -11,11 +11,16 @@ const MAX_DEAD_WRITERS: usize = 8;
 /// One process's side of all topics.
 pub(crate) type Bus = Node<ipc::Service>;
 
+/// The run cannot be joined, or used.
+pub(super) fn unusable(run: &str, reason: impl std::fmt::Display) -> TopicError {
+    TopicError::Node {
+        run: run.to_owned(),
+        reason: reason.to_string(),
+    }
+}
+
 fn config(run: &RunDir, is_launcher: bool) -> Result<Config, TopicError> {
-    let unusable = |reason: String| TopicError::Node {
-        run: run.name().to_owned(),
-        reason,
-    };
+    let unusable = |reason: String| unusable(run.name(), reason);
     let path = run.path().to_str().unwrap_or(SHM);
     let mut config = Config::default();
     config.global.set_root_path(
@@ -36,15 +41,12 @@ fn config(run: &RunDir, is_launcher: bool) -> Result<Config, TopicError> {
 }
 
 pub(crate) fn join(run: &RunDir, name: &str, is_launcher: bool) -> Result<Bus, TopicError> {
-    let unusable = |reason: String| TopicError::Node {
-        run: run.name().to_owned(),
-        reason,
-    };
-    let node_name = NodeName::new(name).map_err(|e| unusable(format!("{name:?}: {e:?}")))?;
+    let node_name = NodeName::new(name);
+    let node_name = node_name.map_err(|e| unusable(run.name(), format_args!("{name:?}: {e:?}")))?;
     NodeBuilder::new()
         .name(&node_name)
         .config(&config(run, is_launcher)?)
         .signal_handling_mode(SignalHandlingMode::Disabled)
         .create()
-        .map_err(|e| unusable(e.to_string()))
+        .map_err(|e| unusable(run.name(), e))
 }

@@ -1,7 +1,7 @@
 //! The two ends of a topic, as bytes: iceoryx2's part, compiled once for all messages.
 
-use std::ops::Deref;
-use std::slice::from_raw_parts;
+use std::ops::{Deref, DerefMut};
+use std::slice::{from_raw_parts, from_raw_parts_mut};
 
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
@@ -24,28 +24,17 @@ pub(crate) type NoHeader = CustomHeaderMarker;
 
 /// The end of a topic that writes.
 pub(crate) struct Sender {
-    format: Format,
-    publisher: Publisher<ipc::Service, Bytes, NoHeader>,
+    pub(super) format: Format,
+    pub(super) publisher: Publisher<ipc::Service, Bytes, NoHeader>,
 }
 
 /// The end of a topic that reads.
 pub(crate) struct Receiver {
-    format: Format,
-    subscriber: Subscriber<ipc::Service, Bytes, NoHeader>,
+    pub(super) format: Format,
+    pub(super) subscriber: Subscriber<ipc::Service, Bytes, NoHeader>,
 }
 
 impl Sender {
-    pub(crate) fn new(format: Format, publisher: Publisher<ipc::Service, Bytes, NoHeader>) -> Self {
-        Self { format, publisher }
-    }
-
-    /// Loans memory for one message, as [`Sender::loan`] does, into a place of the caller's; where its bytes begin.
-    pub(crate) fn loan_into(&self, place: &mut Option<Outgoing>) -> Result<*mut u8, LoanError> {
-        // One message is on loan at a time.
-        *place = None;
-        Ok(place.insert(self.loan()?).payload)
-    }
-
     /// Loans memory for one message, still filled with an earlier message.
     pub(crate) fn loan(&self) -> Result<Outgoing, LoanError> {
         // SAFETY: one element; the topic's type has a fixed size.
@@ -53,7 +42,11 @@ impl Sender {
         let payload = sample.payload_mut().as_mut_ptr().cast();
         // SAFETY: the memory is a mapped file, whose bytes are those of an earlier message or zero, and every byte is a payload.
         let sample = unsafe { sample.assume_init() };
-        Ok(Outgoing { sample, payload })
+        Ok(Outgoing {
+            sample,
+            payload,
+            bytes: self.format.bytes,
+        })
     }
 }
 
@@ -66,18 +59,6 @@ impl Connect for Sender {
 }
 
 impl Receiver {
-    pub(crate) fn new(
-        format: Format,
-        subscriber: Subscriber<ipc::Service, Bytes, NoHeader>,
-    ) -> Self {
-        Self { format, subscriber }
-    }
-
-    /// The messages of the topic.
-    pub(crate) fn format(&self) -> &Format {
-        &self.format
-    }
-
     /// The next message that is there.
     #[inline(always)]
     pub(crate) fn receive(&self) -> Result<Option<Incoming>, ReceiveError> {
@@ -93,16 +74,12 @@ impl Receiver {
     pub(crate) fn has_samples(&self) -> Result<bool, ConnectionFailure> {
         self.subscriber.has_samples()
     }
-
-    /// Connects to writers that are new.
-    pub(crate) fn update_connections(&self) -> Result<(), ConnectionFailure> {
-        self.subscriber.update_connections()
-    }
 }
 
 impl Connect for Receiver {
     fn connect(&self, shared: &Context) -> Result<(), Interrupted> {
-        self.update_connections()
+        self.subscriber
+            .update_connections()
             .map_err(|error| shared.port_failed(self.format.topic, error))
     }
 }
@@ -110,26 +87,38 @@ impl Connect for Receiver {
 /// A message on loan: not sent yet, in shared memory.
 pub(crate) struct Outgoing {
     sample: SampleMut<ipc::Service, Bytes, NoHeader>,
+    /// Start of its bytes, aligned to 8.
     payload: *mut u8,
+    bytes: usize,
 }
 
 impl Outgoing {
-    /// Start of its bytes, aligned to 8, as many as the topic's messages have. Valid while it is on
-    /// loan.
     #[inline]
-    pub(crate) fn payload(&self) -> *mut u8 {
-        self.payload
-    }
-
-    #[inline]
-    pub(crate) fn header(&self) -> &Header {
+    pub(crate) fn header(&mut self) -> &mut Header {
         // SAFETY: a message is aligned to 8 and no shorter than its header, which has no padding and no invalid values.
-        unsafe { &*self.payload.cast() }
+        unsafe { &mut *self.payload.cast() }
     }
 
     /// Delivers it to all readers; never blocks.
     pub(crate) fn send(self) -> Result<(), SendError> {
         self.sample.send().map(|_readers| ())
+    }
+}
+
+impl Deref for Outgoing {
+    type Target = [u8];
+    #[inline]
+    fn deref(&self) -> &[u8] {
+        // SAFETY: on loan for as long as the sample is held; the topic's chunks have this size.
+        unsafe { from_raw_parts(self.payload, self.bytes) }
+    }
+}
+
+impl DerefMut for Outgoing {
+    #[inline]
+    fn deref_mut(&mut self) -> &mut [u8] {
+        // SAFETY: as above, and nobody else has it before it is sent.
+        unsafe { from_raw_parts_mut(self.payload, self.bytes) }
     }
 }
 

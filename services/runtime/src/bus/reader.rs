@@ -6,7 +6,7 @@ use std::rc::Rc;
 use bytemuck::try_from_bytes;
 use shared_types::{Message, TorqueCommand};
 
-use crate::bus::inlet::{Admission, Inlet};
+use crate::bus::inlet::Inlet;
 use crate::bus::port::{Incoming, Receiver};
 use crate::context::Context;
 use crate::control_page::Count;
@@ -21,8 +21,8 @@ use crate::wait::{Interrupted, Wait, Waited};
 pub struct Reader<M: Message>(Ticks, PhantomData<fn(&M)>);
 
 impl<M: Message> Reader<M> {
-    pub(crate) fn new(shared: Rc<Context>, receiver: Rc<Receiver>) -> Self {
-        Self(Ticks::new(shared, receiver), PhantomData)
+    pub(crate) fn new(ticks: Ticks) -> Self {
+        Self(ticks, PhantomData)
     }
 
     /// The next message: in lockstep that of the next tick that has one, in real time the newest one not yet seen. Waits for it.
@@ -47,15 +47,6 @@ impl<M: Message> Reader<M> {
     /// See [`Reader::next`].
     pub fn at(&mut self, tick: u64) -> Result<Option<&M>, Interrupted> {
         Ok(self.0.at(tick)?.and_then(typed))
-    }
-
-    /// The message of one tick in lockstep, as [`Reader::at`]; in real time the newest that has come, however old, and nothing is waited for: for an
-    /// input that the loop must not depend on.
-    ///
-    /// # Errors
-    /// See [`Reader::next`].
-    pub fn newest(&mut self, tick: u64) -> Result<Option<&M>, Interrupted> {
-        Ok(self.0.newest(tick)?.and_then(typed))
     }
 
     /// The newest message that arrives in the tick a [`TickSource`](crate::TickSource) has given out, for the process that makes the ticks: in
@@ -128,23 +119,16 @@ enum Found {
 
 impl Ticks {
     pub(crate) fn new(shared: Rc<Context>, receiver: Rc<Receiver>) -> Self {
-        let topic = receiver.format().topic;
-        let bit = shared.topic_bit(topic);
-        let inlet = Inlet::new(Rc::clone(&shared), receiver, Admission::OfTheLiving);
+        let topic = receiver.format.topic;
+        let place = shared.manifest.topic_index(topic);
+        let inlet = Inlet::new(Rc::clone(&shared), receiver);
         // A replacement does not answer again what its predecessor had.
-        let newest = || {
-            shared
-                .control_page
-                .topic(shared.topic_index(topic))
-                .newest()
-        };
         let last = if shared.entry().incarnation() > 1 {
-            newest()
+            shared.control_page.topic(place).newest()
         } else {
             shared.manifest.from.checked_sub(1)
         };
-        let is_answer =
-            topic == TorqueCommand::TOPIC && shared.manifest.processes[shared.me].makes_ticks;
+        let is_answer = topic == TorqueCommand::TOPIC && shared.own().makes_ticks;
         let chain = match is_answer {
             true => shared.manifest.chain_to(topic),
             false => Vec::new(),
@@ -153,7 +137,7 @@ impl Ticks {
             shared,
             inlet,
             topic,
-            bit,
+            bit: 1 << place,
             current: None,
             last,
             ahead: None,
@@ -165,7 +149,7 @@ impl Ticks {
 
     pub(crate) fn next(&mut self) -> Result<Option<&Incoming>, Interrupted> {
         let shared = Rc::clone(&self.shared);
-        if matches!(shared.start()?, Waited::Stopped) {
+        if !shared.start()? {
             return Ok(None);
         }
         // A stop may have ended the wait for another input of the tick.
@@ -237,7 +221,7 @@ impl Ticks {
 
     pub(crate) fn at(&mut self, tick: u64) -> Result<Option<&Incoming>, Interrupted> {
         let shared = Rc::clone(&self.shared);
-        if matches!(shared.start()?, Waited::Stopped) {
+        if !shared.start()? {
             return Ok(None);
         }
         shared.pause();
@@ -268,11 +252,13 @@ impl Ticks {
         }
     }
 
+    /// The message of one tick in lockstep, as [`Reader::at`]; in real time the newest that has come, however old, and nothing is waited for: for an
+    /// input that the loop must not depend on.
     pub(crate) fn newest(&mut self, tick: u64) -> Result<Option<&Incoming>, Interrupted> {
         if self.shared.is_lockstep() {
             return self.at(tick);
         }
-        if matches!(self.shared.start()?, Waited::Stopped) {
+        if !self.shared.start()? {
             return Ok(None);
         }
         if self.look_for_newest()?.is_some() {
@@ -288,7 +274,7 @@ impl Ticks {
         deadline_ns: Option<u64>,
     ) -> Result<Option<&Incoming>, Interrupted> {
         let shared = Rc::clone(&self.shared);
-        if matches!(shared.start()?, Waited::Stopped) {
+        if !shared.start()? {
             return Ok(None);
         }
         shared.pause();

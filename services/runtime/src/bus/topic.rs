@@ -30,17 +30,16 @@ pub(crate) struct Topic {
 }
 
 impl Topic {
-    /// Makes the topic for so many readers of the graph; it is marked with the hash `layout`. With a history, a reader that comes late gets the last
+    /// Makes the topic for so many readers of the graph; it is marked with the hash of its layout. With a history, a reader that comes late gets the last
     /// messages too.
     pub(crate) fn create(
         bus: &Bus,
         format: Format,
         readers: usize,
-        layout: u64,
         has_history: bool,
     ) -> Result<Self, TopicError> {
         let attribute = |reason: String| failed("create", &format, reason);
-        let value = AttributeValue::new(format!("{layout:016x}").as_bytes())
+        let value = AttributeValue::new(format!("{:016x}", format.layout).as_bytes())
             .map_err(|e| attribute(format!("{e:?}")))?;
         let attributes = AttributeSpecifier::new()
             .define(&wire_attribute(&format)?, &value)
@@ -84,10 +83,11 @@ impl Topic {
             .publisher_builder()
             .max_loaned_samples(1)
             .backpressure_strategy(BackpressureStrategy::DiscardData);
-        let publisher = publisher
-            .create()
-            .map_err(|e| failed("write", &self.format, e))?;
-        Ok(Sender::new(self.format, publisher))
+        let publisher = publisher.create();
+        Ok(Sender {
+            format: self.format,
+            publisher: publisher.map_err(|e| failed("write", &self.format, e))?,
+        })
     }
 
     /// An end that reads, with room for so many messages, or for as many as the topic holds.
@@ -96,10 +96,11 @@ impl Topic {
             .service
             .subscriber_builder()
             .buffer_size(most.min(depth(self.format.bytes)));
-        let subscriber = subscriber
-            .create()
-            .map_err(|e| failed("read", &self.format, e))?;
-        Ok(Receiver::new(self.format, subscriber))
+        let subscriber = subscriber.create();
+        Ok(Receiver {
+            format: self.format,
+            subscriber: subscriber.map_err(|e| failed("read", &self.format, e))?,
+        })
     }
 }
 

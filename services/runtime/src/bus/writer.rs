@@ -2,21 +2,19 @@
 
 use std::cell::RefCell;
 use std::marker::PhantomData;
-use std::ops::{Deref, DerefMut};
 use std::rc::Rc;
-use std::slice::from_raw_parts;
 
+use bytemuck::from_bytes_mut;
 use process::{Packed, Shaper};
 use shared_types::Message;
 use shared_types::fault::{corrupted_topic, shaped_topic};
+use shared_types::topics::TOPICS;
 use shared_types::wire::Header;
 
-use crate::bus::format::Format;
 use crate::bus::port::{Outgoing, Sender};
-use crate::clock::now_ns;
 use crate::context::Context;
 use crate::control_page::Count;
-use crate::control_page::live_statistics::{Note, note_of};
+use crate::control_page::latest::{Part, shown};
 
 /// Why a message was not sent.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -51,104 +49,101 @@ pub struct Writer<M: Message>(Outlet, PhantomData<fn(&M)>);
 /// The writing end of a topic, whatever its messages.
 pub(crate) struct Outlet {
     sending: Rc<Sending>,
-    /// The message on loan. It lies here and not in the [`Loan`], so that it is not moved with that: a move costs some 10 ns.
+    /// The message on loan. It stays here until it is sent: a move costs some 10 ns.
     loaned: Option<Outgoing>,
 }
 
 /// The exit for messages of the process, with the faults that affect them.
 pub(crate) struct Sending {
     shared: Rc<Context>,
-    format: Format,
     /// Its place among the process's outputs.
     output: usize,
     sender: Rc<Sender>,
     bit: u32,
     /// The topic's line on the control page.
     topic: usize,
-    /// Keeps what `armplane status` shows of a message.
-    note: Note,
+    /// Its place in the list of topics, and the parts of its messages that the control page shows there; of others there are none.
+    shown: (usize, &'static [Part]),
     readers: Vec<usize>,
     /// The messages that faults hold back or repeat.
     shaper: RefCell<Shaper>,
 }
 
 impl Outlet {
-    pub(crate) fn new(shared: &Rc<Context>, format: Format, sender: Rc<Sender>) -> Self {
-        let name = format.topic;
-        let topic = shared.topic_index(name);
+    pub(crate) fn new(shared: &Rc<Context>, sender: Rc<Sender>) -> Self {
+        let name = sender.format.topic;
+        let topic = shared.manifest.topic_index(name);
         shared.control_page.topic(topic).begin_writer();
-        let writes = &shared.manifest.processes[shared.me].writes;
+        let (writes, listed) = (
+            &shared.own().writes,
+            TOPICS.iter().position(|one| *one == name),
+        );
         let sending = Rc::new(Sending {
             shared: Rc::clone(shared),
-            format,
             sender,
             output: writes.iter().position(|one| one == name).unwrap_or(0),
-            bit: shared.topic_bit(name),
+            bit: 1 << topic,
             topic,
-            note: note_of(name),
+            shown: (listed.unwrap_or(0), shown(name)),
             readers: shared.manifest.woken_by(name).collect(),
             shaper: RefCell::new(Shaper::new(corrupted_topic(writes) == Some(name))),
         });
-        shared.add_outlet(Rc::clone(&sending));
+        shared
+            .attached
+            .outlets
+            .borrow_mut()
+            .push(Rc::clone(&sending));
         Self {
             sending,
             loaned: None,
         }
     }
 
-    /// Loans shared memory for one message, still filled with an earlier one: where its bytes begin.
+    /// Loans shared memory for one message, still filled with an earlier one.
     #[inline]
-    pub(crate) fn loan(&mut self) -> Result<*mut u8, SendError> {
-        let loaned = self.sending.sender.loan_into(&mut self.loaned);
-        loaned.map_err(|error| self.sending.failed(error))
-    }
-
-    /// The message on loan, to be filled; `None` where there is none.
-    #[inline]
-    pub(crate) fn on_loan(&mut self) -> Option<&mut [u8]> {
-        let payload = self.loaned.as_ref()?.payload();
-        // SAFETY: on loan from the sender, for as long as `self` is borrowed; the topic's messages have this size.
-        Some(unsafe { std::slice::from_raw_parts_mut(payload, self.sending.format.bytes) })
+    pub(crate) fn loan(&mut self) -> Result<&mut Outgoing, SendError> {
+        // One message is on loan at a time.
+        self.loaned = None;
+        let loaned = self.sending.sender.loan();
+        let loaned = loaned.map_err(|error| self.sending.failed(error))?;
+        Ok(self.loaned.insert(loaned))
     }
 
     /// The header of the message on loan.
     #[inline]
     pub(crate) fn header(&mut self) -> Option<&mut Header> {
-        let message = self.on_loan()?;
-        bytemuck::try_from_bytes_mut(&mut message[..size_of::<Header>()]).ok()
+        self.loaned.as_mut().map(Outgoing::header)
     }
 
-    /// Sends the message on loan; see [`Loan::send`].
+    /// Sends the message on loan; see [`Writer::send`].
     #[inline]
     pub(crate) fn send(&mut self) -> Result<(), SendError> {
         let Self { sending, loaned } = self;
-        let Some(message) = loaned.take() else {
+        let Some(mut message) = loaned.take() else {
             return Ok(());
         };
-        let shared = &sending.shared;
-        // SAFETY: on loan from the sender; the topic's messages have this size.
-        let bytes = unsafe { from_raw_parts(message.payload(), sending.format.bytes) };
-        // SAFETY: likewise; a message is aligned to 8, and begins with its header.
-        let header: &mut Header = unsafe { &mut *message.payload().cast() };
-        let tick = header.tick;
-        if let Some(field) = (sending.format.not_finite)(bytes) {
+        let (shared, format) = (&sending.shared, &sending.sender.format);
+        let tick = message.header().tick;
+        if let Some(field) = (format.not_finite)(&message) {
             shared.entry().add(Count::NotFinite, 1);
             let error = SendError::NotFinite {
                 process: shared.name().to_owned(),
-                topic: sending.format.topic,
+                topic: format.topic,
                 tick,
                 field,
             };
             tracing::error!("{error}");
             return Err(error);
         }
-        shared.stamp(header);
-        (sending.note)(shared.control_page.live_state_cells(), bytes);
+        shared.stamp(message.header());
+        let (place, shown) = sending.shown;
+        let latest = shared.control_page.latest_of(place);
+        latest.store(shown, &message);
         let is_last = shared.is_last_output(tick, sending.output);
         if is_last {
             shared.commit();
         }
-        if shared.is_shaped() && shaped_topic(sending.format.topic) {
+        if shared.is_shaped() && shaped_topic(format.topic) {
             sending.send_shaped(message)?;
         } else {
             sending.deliver(message)?;
@@ -171,94 +166,28 @@ impl<M: Message> Writer<M> {
         Self(outlet, PhantomData)
     }
 
-    /// Loans shared memory for the message of a tick, zero except for the tick, to be filled in
-    /// place.
-    ///
-    /// A loan that is dropped is not sent. One message of a topic is on loan at a time.
+    /// Loans shared memory for the message of a tick, zero except for the tick, to be filled in place. What was on loan before is not sent.
     ///
     /// # Errors
     /// When iceoryx2 has no memory left.
-    pub fn loan(&mut self, tick: u64) -> Result<Loan<'_, M>, SendError> {
-        // SAFETY: the pointer is that of a loan of one message, and zeros are a message, for it is `Pod`.
-        let mut loan = self.loan_with(|payload| unsafe { payload.write_bytes(0, 1) })?;
-        loan.header_mut().tick = tick;
-        Ok(loan)
-    }
-
-    /// Loans shared memory still filled with an earlier message, for large messages whose relevant
-    /// part is overwritten anyway.
-    ///
-    /// # Errors
-    /// See [`Writer::loan`].
-    pub fn loan_as_is(&mut self, tick: u64) -> Result<Loan<'_, M>, SendError> {
-        let mut loan = self.loan_with(|_| {})?;
-        *loan.header_mut() = Header {
-            tick,
-            ..Header::default()
-        };
-        Ok(loan)
-    }
-
     #[inline]
-    fn loan_with(&mut self, prepare: impl FnOnce(*mut M)) -> Result<Loan<'_, M>, SendError> {
-        let payload = self.0.loan()?.cast();
-        prepare(payload);
-        Ok(Loan {
-            payload,
-            writer: self,
-        })
+    pub fn loan(&mut self, tick: u64) -> Result<&mut M, SendError> {
+        let place = self.0.loan()?;
+        place.fill(0);
+        let message: &mut M = from_bytes_mut(place);
+        message.header_mut().tick = tick;
+        Ok(message)
     }
 
-    /// Sends a message that was made elsewhere, for which it is copied once into shared memory; otherwise as [`Loan::send`].
-    ///
-    /// # Errors
-    /// See [`Writer::loan`] and [`Loan::send`].
-    pub fn send(&mut self, message: M) -> Result<(), SendError> {
-        // SAFETY: the pointer is that of a loan of one message.
-        self.loan_with(|payload| unsafe { payload.write(message) })?
-            .send()
-    }
-}
-
-/// A message in shared memory that has not been sent yet.
-pub struct Loan<'a, M: Message> {
-    /// That of the message on loan from the writer.
-    payload: *mut M,
-    writer: &'a mut Writer<M>,
-}
-
-impl<M: Message> Drop for Loan<'_, M> {
-    #[inline]
-    fn drop(&mut self) {
-        self.writer.0.loaned = None;
-    }
-}
-
-impl<M: Message> Deref for Loan<'_, M> {
-    type Target = M;
-    fn deref(&self) -> &M {
-        // SAFETY: on loan from the sender of a topic of messages `M`, and `M` is `Pod`: every bit pattern is a message.
-        unsafe { &*self.payload }
-    }
-}
-
-impl<M: Message> DerefMut for Loan<'_, M> {
-    fn deref_mut(&mut self) -> &mut M {
-        // SAFETY: as above; the loan is held by `self` alone.
-        unsafe { &mut *self.payload }
-    }
-}
-
-impl<M: Message> Loan<'_, M> {
-    /// Sends the message and wakes the readers that wait for it; never blocks.
+    /// Sends the message on loan, if there is one, and wakes the readers that wait for it; never blocks.
     ///
     /// Fills in the incarnation and the stamps: those of the inputs of the same tick, and this hop's own. With the last output that the graph
     /// declares for this process the tick is closed, and the checkpoint of the tick is committed before.
     ///
     /// # Errors
     /// When a number in it is not finite (counted; nothing is sent), or iceoryx2 fails.
-    pub fn send(self) -> Result<(), SendError> {
-        self.writer.0.send()
+    pub fn send(&mut self) -> Result<(), SendError> {
+        self.0.send()
     }
 }
 
@@ -266,12 +195,12 @@ impl Sending {
     fn failed(&self, reason: impl std::fmt::Display) -> SendError {
         SendError::Port {
             process: self.shared.name().to_owned(),
-            topic: self.format.topic,
+            topic: self.topic(),
             reason: reason.to_string(),
         }
     }
 
-    fn deliver(&self, message: Outgoing) -> Result<(), SendError> {
+    fn deliver(&self, mut message: Outgoing) -> Result<(), SendError> {
         let tick = message.header().tick;
         message.send().map_err(|error| self.failed(error))?;
         self.shared.control_page.topic(self.topic).count_sent(tick);
@@ -279,52 +208,37 @@ impl Sending {
         Ok(())
     }
 
-    /// Sends the message as changed by faults. Kept off the fault-free path.
+    /// Sends the message as changed by the faults of the tick in hand. Kept off the fault-free path.
     #[cold]
     #[inline(never)]
     fn send_shaped(&self, loaned: Outgoing) -> Result<(), SendError> {
-        // SAFETY: on loan from the sender; the topic's messages have this size.
-        let message = Packed::of(unsafe { from_raw_parts(loaned.payload(), self.format.bytes) });
+        let message = Packed::of(&loaned);
         drop(loaned);
-        self.shape(&message)?;
-        if !self.shared.is_lockstep() {
-            self.flush(self.shared.tick.get());
+        let (shared, tick) = (&self.shared, self.shared.tick.get());
+        let known = shared.faults.known.borrow();
+        let (faults, injected) = (known.of(shared.me, tick), |place| {
+            shared.mark_injected(place)
+        });
+        let deliver = |message: &[u8]| self.deliver_copy(message);
+        self.shaper
+            .borrow_mut()
+            .shape(message.bytes(), tick, faults, injected, deliver)?;
+        if !shared.is_lockstep() {
+            self.flush(tick);
         }
         Ok(())
     }
 
     /// Delivers a message that a fault has held back, doubled or changed: a copy, for it is not the one that was on loan.
     fn deliver_copy(&self, message: &[u8]) -> Result<(), SendError> {
-        let copy = self.sender.loan().map_err(|error| self.failed(error))?;
-        // SAFETY: on loan from the sender, of the size of the topic's messages, as `message` is.
-        unsafe {
-            copy.payload()
-                .copy_from_nonoverlapping(message.as_ptr(), message.len())
-        };
+        let mut copy = self.sender.loan().map_err(|error| self.failed(error))?;
+        copy.copy_from_slice(message);
         self.deliver(copy)
-    }
-
-    /// Applies the faults of its tick to a message.
-    fn shape(&self, message: &Packed) -> Result<(), SendError> {
-        let (shared, tick) = (&self.shared, self.shared.tick.get());
-        let injected = |place| {
-            shared
-                .control_page
-                .fault_table()
-                .mark_injected(place, now_ns())
-        };
-        let known = shared.faults.known.borrow();
-        let faults = known.of(shared.me, tick);
-        self.shaper
-            .borrow_mut()
-            .shape(message.bytes(), tick, faults, injected, |message| {
-                self.deliver_copy(message)
-            })
     }
 
     /// Its topic.
     pub(crate) fn topic(&self) -> &'static str {
-        self.format.topic
+        self.sender.format.topic
     }
 
     /// Sends the messages due at `tick` or before.

@@ -4,13 +4,13 @@
 //! depends on the plan alone. The death itself changes no message: the launcher starts all processes
 //! again from before it, and the fault table knows that it has happened.
 
+use process::absence;
 use shared_types::fault::{Kind, ScheduledFault, Way};
 
 use super::Context;
 use crate::clock::now_ns;
 use crate::control_page::State;
 use crate::fault::process::{kill_self, stop_self};
-use crate::fault::table::Origin;
 
 impl Context {
     /// Applies the faults of this process at a tick, with the tick's first input in hand. Returns the tick at which it takes part again: `tick` unless
@@ -28,17 +28,19 @@ impl Context {
     #[cold]
     fn attend_under_faults(&self, tick: u64) -> u64 {
         while let Some((place, fault)) = self.due(tick) {
-            self.control_page
-                .fault_table()
-                .mark_injected(place, now_ns());
+            self.mark_injected(place);
             self.fall(&fault, tick);
         }
-        self.count_deaths(tick);
-        let returns = if self.is_timeless() {
-            tick
-        } else {
-            self.returns_after(tick)
+        let (deaths, returns) = {
+            let known = self.faults.known.borrow();
+            absence(known.downs(self.me).map(|(_, fault)| fault), tick)
         };
+        // In lockstep the process is another incarnation after a planned death, and what its predecessor held back is gone.
+        if self.is_lockstep() && self.incarnation.replace(1 + deaths) != 1 + deaths {
+            let outlets = self.attached.outlets.borrow();
+            outlets.iter().for_each(|outlet| outlet.forget());
+        }
+        let returns = if self.is_timeless() { tick } else { returns };
         if returns == tick {
             self.control_page
                 .fault_table()
@@ -49,8 +51,7 @@ impl Context {
 
     /// Whether no tick passes while this process is down: the others wait for it.
     fn is_timeless(&self) -> bool {
-        let own = &self.manifest.processes[self.me];
-        own.makes_ticks || own.polled
+        self.own().makes_ticks || self.own().is_polled()
     }
 
     /// A fault that is to end or stop this process at a tick, and has not yet.
@@ -60,43 +61,9 @@ impl Context {
             .downs(self.me)
             .filter(|(_, fault)| fault.at <= tick && (tick < fault.until || self.is_timeless()));
         let table = self.control_page.fault_table();
-        let is_new = |place: usize| {
-            table
-                .record(place)
-                .is_some_and(|record| record.injected_ns == 0 && record.origin != Origin::Detected)
-        };
+        let is_new = |place| table.record(place).is_some_and(|one| one.injected_ns == 0);
         due.find(|(place, _)| is_new(*place))
             .map(|(place, fault)| (place, *fault))
-    }
-
-    /// The first tick after the absences that a tick lies in.
-    fn returns_after(&self, tick: u64) -> u64 {
-        let known = self.faults.known.borrow();
-        let table = self.control_page.fault_table();
-        known
-            .downs(self.me)
-            .filter(|(place, fault)| fault.concerns(tick) && table.is_planned(*place))
-            .map(|(_, fault)| fault.until)
-            .fold(tick, u64::max)
-    }
-
-    /// In lockstep: after a planned death the process is another incarnation, and what its predecessor held back is gone.
-    fn count_deaths(&self, tick: u64) {
-        if !self.is_lockstep() {
-            return;
-        }
-        let known = self.faults.known.borrow();
-        let deaths = known
-            .downs(self.me)
-            .filter(|(_, fault)| fault.ends_process() && fault.at <= tick)
-            .count() as u32;
-        if self.incarnation.replace(1 + deaths) != 1 + deaths {
-            self.attached
-                .outlets
-                .borrow()
-                .iter()
-                .for_each(|outlet| outlet.forget());
-        }
     }
 
     fn fall(&self, fault: &ScheduledFault, tick: u64) {

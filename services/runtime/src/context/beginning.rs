@@ -7,10 +7,12 @@ use crate::wait::{Interrupted, Wait, Waited};
 
 impl Context {
     /// Goes with all others through the phases of the beginning; from here on nothing can be lost.
+    ///
+    /// `false`: the run stops before.
     #[inline]
-    pub(crate) fn start(&self) -> Result<Waited<()>, Interrupted> {
+    pub(crate) fn start(&self) -> Result<bool, Interrupted> {
         if self.has_started.get() {
-            Ok(Waited::Ready(()))
+            Ok(true)
         } else {
             self.begin()
         }
@@ -18,14 +20,9 @@ impl Context {
 
     /// A tick closes with the last of the declared outputs: one without a writer would keep every tick open.
     fn has_all_outputs(&self) -> Result<(), Interrupted> {
-        let (writes, outlets) = (
-            &self.manifest.processes[self.me].writes,
-            self.attached.outlets.borrow(),
-        );
-        match writes
-            .iter()
-            .find(|declared| !outlets.iter().any(|outlet| outlet.topic() == *declared))
-        {
+        let outlets = self.attached.outlets.borrow();
+        let is_open = |topic: &String| outlets.iter().any(|outlet| outlet.topic() == topic);
+        match self.own().writes.iter().find(|topic| !is_open(topic)) {
             None => Ok(()),
             Some(topic) => Err(Interrupted::Unopened {
                 process: self.name().to_owned(),
@@ -35,18 +32,18 @@ impl Context {
     }
 
     #[cold]
-    fn begin(&self) -> Result<Waited<()>, Interrupted> {
+    fn begin(&self) -> Result<bool, Interrupted> {
         self.has_all_outputs()?;
         self.entry().set_state(State::Ready);
-        if matches!(self.wait_for_phase(Phase::Connect)?, Waited::Stopped) {
-            return Ok(Waited::Stopped);
+        if !self.wait_for_phase(Phase::Connect)? {
+            return Ok(false);
         }
         for port in self.attached.ports.take() {
             port.connect(self)?;
         }
         self.entry().set_state(State::Connected);
-        if matches!(self.wait_for_phase(Phase::Work)?, Waited::Stopped) {
-            return Ok(Waited::Stopped);
+        if !self.wait_for_phase(Phase::Work)? {
+            return Ok(false);
         }
         self.turns.begin();
         self.has_started.set(true);
@@ -57,16 +54,17 @@ impl Context {
                 .mark_recovered(self.me, u64::MAX, now_ns());
             self.control_page.ring_all();
         }
-        Ok(Waited::Ready(()))
+        Ok(true)
     }
 
-    fn wait_for_phase(&self, phase: Phase) -> Result<Waited<()>, Interrupted> {
+    fn wait_for_phase(&self, phase: Phase) -> Result<bool, Interrupted> {
         let describe = || Wait {
             what: format!("the beginning of the run's phase \"{phase:?}\""),
             from: "the launcher".into(),
         };
-        self.wait(0, None, describe, || {
+        let begun = self.wait(0, None, describe, || {
             Ok(self.control_page.has_begun(phase).then_some(()))
-        })
+        })?;
+        Ok(matches!(begun, Waited::Ready(())))
     }
 }

@@ -3,7 +3,6 @@
 use process::is_cut;
 
 use super::Context;
-use crate::clock::now_ns;
 
 impl Context {
     /// Whether a fault keeps the message of a tick on one of this process's topics from it.
@@ -14,17 +13,10 @@ impl Context {
 
     #[cold]
     fn is_cut_by_fault(&self, topic: &str, tick: u64) -> bool {
-        let read = self.manifest.processes[self.me]
-            .reads
-            .iter()
-            .position(|read| read == topic);
+        let read = self.own().reads.iter().position(|read| read == topic);
         let known = self.faults.known.borrow();
         let cut = read.and_then(|read| is_cut(known.of(self.me, tick), read, tick));
-        cut.into_iter().for_each(|place| {
-            self.control_page
-                .fault_table()
-                .mark_injected(place, now_ns())
-        });
+        cut.into_iter().for_each(|place| self.mark_injected(place));
         cut.is_some()
     }
 }

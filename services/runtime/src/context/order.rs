@@ -26,11 +26,10 @@ impl Context {
         self.control_page.process(process).ticks()
     }
 
-    fn source(&self) -> Option<usize> {
-        self.manifest
-            .processes
-            .iter()
-            .position(|process| process.makes_ticks)
+    /// The process that makes the ticks.
+    pub(crate) fn source(&self) -> Option<usize> {
+        let mut processes = self.manifest.processes.iter();
+        processes.position(|process| process.makes_ticks)
     }
 
     /// Whether a writer sends nothing more at a tick.
@@ -43,7 +42,7 @@ impl Context {
     fn holds_back(&self, tick: u64) -> Option<usize> {
         let lags = |index: &usize| {
             let process = &self.manifest.processes[*index];
-            let most = if process.polled {
+            let most = if process.is_polled() {
                 self.recorder_lag
             } else {
                 CHAIN_LAG
@@ -62,12 +61,13 @@ impl Context {
     /// A process that has not closed all ticks before a tick; a polled one takes in the remaining messages later.
     fn unfinished(&self, tick: u64) -> Option<usize> {
         (0..self.manifest.processes.len()).find(|&index| {
-            index != self.me && !self.manifest.processes[index].polled && self.closed(index) < tick
+            let is_polled = self.manifest.processes[index].is_polled();
+            index != self.me && !is_polled && self.closed(index) < tick
         })
     }
 
-    /// In lockstep: waits until no process lags so far that it could lose this tick.
-    pub(crate) fn wait_for_others(&self, tick: u64) -> Result<Waited<()>, Interrupted> {
+    /// In lockstep: waits until no process lags so far that it could lose this tick; `false` when the run stops.
+    pub(crate) fn wait_for_others(&self, tick: u64) -> Result<bool, Interrupted> {
         self.wait_until_none(
             || self.holds_back(tick),
             &format_args!("its turn to begin tick {tick}"),
@@ -75,7 +75,7 @@ impl Context {
     }
 
     /// In lockstep: waits until all processes outside the loop have closed the ticks before this one.
-    pub(crate) fn wait_for_end(&self, tick: u64) -> Result<Waited<()>, Interrupted> {
+    pub(crate) fn wait_for_end(&self, tick: u64) -> Result<bool, Interrupted> {
         let last = tick.saturating_sub(1);
         self.wait_until_none(
             || self.unfinished(tick),
@@ -87,17 +87,18 @@ impl Context {
         &self,
         laggard: impl Fn() -> Option<usize>,
         what: &std::fmt::Arguments<'_>,
-    ) -> Result<Waited<()>, Interrupted> {
+    ) -> Result<bool, Interrupted> {
         let describe = || Wait {
             what: what.to_string(),
             from: laggard().map_or("the others".into(), |index| {
                 self.manifest.processes[index].name.clone()
             }),
         };
-        self.wait(PROGRESS, None, describe, || {
+        let is_over = self.wait(PROGRESS, None, describe, || {
             self.learn();
             Ok(laggard().is_none().then_some(()))
-        })
+        })?;
+        Ok(matches!(is_over, Waited::Ready(())))
     }
 
     /// Wakes processes that wait for the progress of others rather than for a message, because this

@@ -11,7 +11,7 @@ impl Context {
     pub(crate) fn is_last_output(&self, tick: u64, output: usize) -> bool {
         let sent = self.sent_of(tick) | 1 << output;
         self.attached.outputs_sent.set((tick, sent));
-        (sent & !EXCUSED).count_ones() as usize >= self.manifest.processes[self.me].writes.len()
+        (sent & !EXCUSED).count_ones() as usize >= self.own().writes.len()
     }
 
     /// Notes that an input of a tick will not come: the process may pass the tick over.
@@ -28,12 +28,9 @@ impl Context {
         if !self.is_lockstep() || of > tick || sent & EXCUSED != 0 {
             return None;
         }
-        let writes = &self.manifest.processes[self.me].writes;
-        writes
-            .iter()
-            .enumerate()
-            .find(|(output, _)| sent & 1 << output == 0)
-            .map(|(_, topic)| topic.as_str())
+        let mut writes = self.own().writes.iter().enumerate();
+        let unsent = writes.find(|(output, _)| sent & 1 << output == 0);
+        unsent.map(|(_, topic)| topic.as_str())
     }
 
     /// The outputs of a tick that have left, one bit each.

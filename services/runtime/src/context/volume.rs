@@ -3,7 +3,6 @@
 use shared_types::fault::Kind;
 
 use super::Context;
-use crate::clock::now_ns;
 use crate::fault::process::forbid_writes;
 
 impl Context {
@@ -13,8 +12,7 @@ impl Context {
         for (place, _, kind) in self.faults.known.borrow().of(self.me, tick) {
             if kind == Kind::DiskFull {
                 is_full = true;
-                let table = self.control_page.fault_table();
-                table.mark_injected(place, now_ns());
+                self.mark_injected(place);
             }
         }
         // The rest is written to another volume.

@@ -2,6 +2,7 @@
 
 pub(crate) mod doorbell;
 pub(crate) mod entry;
+pub(crate) mod latest;
 pub(crate) mod live_statistics;
 pub(crate) mod page;
 pub(crate) mod watchdog;

@@ -11,15 +11,15 @@ use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
 use crate::control_page::doorbell::ANYTHING;
 use crate::control_page::entry::ProcessEntry;
-use crate::control_page::live_statistics::{LiveState, LiveStateCells};
+use crate::control_page::latest::Latest;
 use crate::fault::table::FaultTable;
 use crate::mapped::Mapped;
 use crate::run_dir::RunDir;
 use shared_types::process::MAX_PROCESSES;
-use shared_types::topics::MAX_TOPICS;
+use shared_types::topics::{COUNT, MAX_TOPICS, Topic};
 
 /// "armbrd" and the version of this layout.
-const MAGIC: u64 = u64::from_be_bytes(*b"armbrd\0\x07");
+const MAGIC: u64 = u64::from_be_bytes(*b"armbrd\0\x08");
 
 /// Phase of a run's start.
 ///
@@ -60,7 +60,7 @@ struct Page {
     /// Origin of the real-time grid on `CLOCK_MONOTONIC`; 0 until the source of ticks has set it.
     grid_origin_ns: AtomicU64,
     fault_table: FaultTable,
-    live_state: LiveStateCells,
+    latest: [Latest; COUNT],
     topics: [TopicEntry; MAX_TOPICS],
     entries: [ProcessEntry; MAX_PROCESSES],
 }
@@ -151,22 +151,17 @@ impl ControlPage {
     /// When the file exists already or cannot be made.
     pub fn create(run: &RunDir) -> Result<Self, ControlPageError> {
         let path = run.path().join("control_page");
-        let failed = |source| ControlPageError::File {
-            path: path.clone(),
-            source,
+        let make = || {
+            let mut options = OpenOptions::new();
+            options.read(true).write(true).create_new(true).mode(0o600);
+            let file = options.open(&path)?;
+            // Written, not only truncated: the memory is there now, or the error is.
+            file.write_all_at(&vec![0; size_of::<Page>()], 0)?;
+            file.write_all_at(&MAGIC.to_ne_bytes(), 0)?;
+            Mapped::of(&file, size_of::<Page>())
         };
-        let file = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .create_new(true)
-            .mode(0o600)
-            .open(&path)
-            .map_err(failed)?;
-        // Written, not only truncated: the memory is there now, or the error is.
-        file.write_all_at(&vec![0; size_of::<Page>()], 0)
-            .and_then(|()| file.write_all_at(&MAGIC.to_ne_bytes(), 0))
-            .and_then(|()| Mapped::of(&file, size_of::<Page>()).map(Self))
-            .map_err(failed)
+        let mapped = make().map(Self);
+        mapped.map_err(|source| ControlPageError::File { path, source })
     }
 
     /// Opens the control page of a run.
@@ -175,24 +170,21 @@ impl ControlPage {
     /// When there is none, or it is of another version.
     pub fn open(run: &RunDir) -> Result<Self, ControlPageError> {
         let path = run.path().join("control_page");
-        let failed = |source| ControlPageError::File {
-            path: path.clone(),
-            source,
+        let open = || {
+            let file = OpenOptions::new().read(true).write(true).open(&path)?;
+            let mut magic = [0; 8];
+            file.read_exact_at(&mut magic, 0)?;
+            let found = (file.metadata()?.len(), u64::from_ne_bytes(magic), file);
+            Ok::<_, std::io::Error>(found)
         };
-        let file = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .open(&path)
-            .map_err(failed)?;
-        let size = file.metadata().map_err(failed)?.len();
-        let mut magic = [0; 8];
-        file.read_exact_at(&mut magic, 0).map_err(failed)?;
-        let magic = u64::from_ne_bytes(magic);
-        if size != size_of::<Page>() as u64 || magic != MAGIC {
-            return Err(ControlPageError::Version { path, size, magic });
-        }
-        let mapped = Mapped::of(&file, size_of::<Page>());
-        mapped.map(Self).map_err(failed)
+        let mapped = match open() {
+            Ok((size, magic, _)) if (size, magic) != (size_of::<Page>() as u64, MAGIC) => {
+                return Err(ControlPageError::Version { path, size, magic });
+            }
+            Ok((.., file)) => Mapped::of(&file, size_of::<Page>()).map(Self),
+            Err(error) => Err(error),
+        };
+        mapped.map_err(|source| ControlPageError::File { path, source })
     }
 
     #[inline]
@@ -213,14 +205,15 @@ impl ControlPage {
         &self.page().topics[index]
     }
 
-    /// The arm's state.
-    pub fn live_state(&self) -> LiveState {
-        self.page().live_state.read()
+    /// The latest message of a topic, as far as `armplane top` shows it and zero elsewhere; numbers of neighbouring ticks may stand side by side.
+    pub fn latest<M: Topic>(&self) -> M {
+        self.latest_of(M::INDEX).load()
     }
 
+    /// That of the topic at a place of the list.
     #[inline]
-    pub(crate) fn live_state_cells(&self) -> &LiveStateCells {
-        &self.page().live_state
+    pub(crate) fn latest_of(&self, place: usize) -> &Latest {
+        &self.page().latest[place]
     }
 
     /// The launcher, when all processes are through with the phase before.

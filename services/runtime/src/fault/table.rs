@@ -213,12 +213,6 @@ impl FaultTable {
         })
     }
 
-    /// Whether the fault at a place is one of the plan, or a live one: nobody waits for the end of a death that was not.
-    pub(crate) fn is_planned(&self, place: usize) -> bool {
-        self.record(place)
-            .is_some_and(|record| record.origin != Origin::Detected)
-    }
-
     /// All faults in force, with their places, in the order in which they came.
     pub fn records(&self) -> impl Iterator<Item = (usize, FaultRecord)> + '_ {
         (0..self.taken().len()).filter_map(|place| Some((place, self.record(place)?)))
@@ -249,9 +243,7 @@ impl FaultTable {
         let is_it = |entry: &&Entry| {
             entry.is_at_work(tick) || entry.scheduled().kind().is_some_and(Kind::takes_down)
         };
-        let injected = self
-            .of(process)
-            .filter(|entry| entry.injected_ns.load(Ordering::Relaxed) != 0);
+        let injected = self.of(process).filter(|entry| entry.is_injected());
         injected
             .filter(is_it)
             .for_each(|entry| first(&entry.detected_ns, now_ns));
@@ -260,10 +252,7 @@ impl FaultTable {
     /// A message is missing, or came twice, or was refused, at a tick: every injected fault that is in force, or has been shortly before, has
     /// been detected by that.
     pub(crate) fn mark_all_detected(&self, tick: u64, now_ns: u64) {
-        let injected = self
-            .taken()
-            .iter()
-            .filter(|entry| entry.injected_ns.load(Ordering::Relaxed) != 0);
+        let injected = self.taken().iter().filter(|entry| entry.is_injected());
         injected
             .filter(|entry| entry.is_at_work(tick))
             .for_each(|entry| first(&entry.detected_ns, now_ns));
@@ -274,7 +263,7 @@ impl FaultTable {
         self.of(process)
             .filter(|entry| {
                 let fault = entry.scheduled();
-                entry.injected_ns.load(Ordering::Relaxed) != 0
+                entry.is_injected()
                     && fault.at <= tick
                     && fault.kind().is_some_and(Kind::takes_down)
             })
@@ -302,6 +291,10 @@ impl Entry {
             .for_each(|(place, word)| place.store(word, Ordering::Relaxed));
     }
 
+    fn is_injected(&self) -> bool {
+        self.injected_ns.load(Ordering::Relaxed) != 0
+    }
+
     /// Whether it is in force at a tick, or its effect may still show.
     fn is_at_work(&self, tick: u64) -> bool {
         let ScheduledFault { at, until, .. } = self.scheduled();
@@ -315,7 +308,8 @@ impl Entry {
     }
 }
 
-/// One process's copy of the fault table, renewed when the fault table has changed. Never allocates after its making.
+/// One process's copy of the fault table, without deaths that no plan had, whose end nobody waits for; renewed when the fault table has changed. Never
+/// allocates after its making.
 #[derive(Debug)]
 pub(crate) struct KnownFaults {
     changes: u32,
@@ -346,12 +340,10 @@ impl KnownFaults {
     pub(crate) fn renew(&mut self, table: &FaultTable) {
         self.changes = table.changes();
         self.faults.clear();
-        self.faults.extend(
-            table
-                .records()
-                .map(|(place, account)| (place, account.scheduled))
-                .take(MOST_FAULTS),
-        );
+        let records = table.records();
+        let of_plan = records.filter(|(_, record)| record.origin != Origin::Detected);
+        self.faults
+            .extend(of_plan.map(|(place, record)| (place, record.scheduled)));
     }
 
     /// The faults of a process at a tick.

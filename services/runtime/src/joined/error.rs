@@ -1,6 +1,6 @@
 //! Why a program in another language cannot take part, or no longer. Each sentence names the process.
 
-use crate::shell::{OpenError, ProcessError};
+use crate::shell::ProcessError;
 
 /// The end of a program's part in a run.
 #[derive(Debug, thiserror::Error)]
@@ -78,10 +78,4 @@ pub enum JoinedError {
     /// Too large a state.
     #[error("the state of {0} has {1} bytes; there is room for 1 MiB: save less")]
     State(String, usize),
-}
-
-impl From<OpenError> for JoinedError {
-    fn from(error: OpenError) -> Self {
-        Self::Process(error.into())
-    }
 }

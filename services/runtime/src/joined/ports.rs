@@ -2,9 +2,9 @@
 
 use std::mem::offset_of;
 
-use process::Packed;
+use process::{Packed, not_finite};
 use shared_types::graph::{Graph, Process};
-use shared_types::layout::{MessageLayout, structure};
+use shared_types::layout::MessageLayout;
 use shared_types::wire::{Field, Header};
 use shared_types::{Message, Target, TorqueCommand};
 
@@ -27,7 +27,7 @@ impl Kind {
         let layout = graph.layout(topic);
         let missing = || ProcessError::setup(format_args!("there is no topic `{topic}`"));
         Ok(Self {
-            format: shell.format(topic).ok_or_else(missing)?,
+            format: Format::in_run(shell.manifest(), topic).ok_or_else(missing)?,
             layout: layout.ok_or_else(missing)?,
         })
     }
@@ -279,14 +279,10 @@ impl Output {
         let Kind { format, layout } = &self.kind;
         let message = self.message.bytes();
         let field = match format.is_listed() {
-            true => (format.not_finite)(message).map(str::to_owned),
-            false => layout
-                .fields
-                .iter()
-                .find(|field| !is_finite(field, message))
-                .map(|field| field.name.to_string()),
+            true => (format.not_finite)(message)?.to_owned(),
+            false => not_finite(message, &layout.fields)?.name.to_string(),
         };
-        Some((format.topic, field?))
+        Some((format.topic, field))
     }
 
     pub(super) fn send(&mut self, tick: u64) -> Result<(), ProcessError> {
@@ -294,20 +290,7 @@ impl Output {
             tick,
             ..Header::default()
         };
-        self.outlet.loan()?;
-        if let Some(place) = self.outlet.on_loan() {
-            place.copy_from_slice(self.message.bytes());
-        }
+        self.outlet.loan()?.copy_from_slice(self.message.bytes());
         Ok(self.outlet.send()?)
     }
-}
-
-/// Whether every double of a field of a message that only a graph knows is finite. Structures in it are the header's, without a double.
-fn is_finite(field: &Field, message: &[u8]) -> bool {
-    if field.element != "f64" || structure(&field.element).is_some() {
-        return true;
-    }
-    let bytes = message.get(field.offset..field.offset + field.size);
-    let mut numbers = bytes.unwrap_or_default().chunks_exact(size_of::<f64>());
-    numbers.all(|number| bytemuck::pod_read_unaligned::<f64>(number).is_finite())
 }

@@ -16,7 +16,7 @@ fn only_declared_topics_open() {
     };
     assert_eq!(refused.map(action), ["write", "read"]);
     let stranger = Shell::open(stage.run.path(), "tourist").map(drop);
-    assert!(matches!(stranger, Err(OpenError::NotInGraph { .. })));
+    assert!(matches!(stranger, Err(ProcessError::NotInGraph { .. })));
     let mut manifest = estimator.manifest().clone();
     manifest.processes[0].writes = vec!["weather".into()];
     let hub = Hub::create(&RunDir::create().unwrap(), &manifest).map(drop);
