@@ -245,7 +245,7 @@ impl Description {
 fn check_values(robot: &Robot, task: &[TaskAxis], lengths: [f64; 3]) -> Result<(), Defect> {
     let are_finite = |values: &[f64]| values.iter().all(|x| x.is_finite());
     let (gravity, length_m, bits) = (robot.gravity, robot.length_m, robot.encoder_bits);
-    for (what, value, holds, remedy) in [
+    let values = [
         (
             "gravity",
             format!("{:?}", gravity.as_slice()),
@@ -276,15 +276,6 @@ fn check_values(robot: &Robot, task: &[TaskAxis], lengths: [f64; 3]) -> Result<(
             are_finite(&lengths),
             "give finite lengths in metres",
         ),
-    ] {
-        if !holds {
-            let what = what.to_owned();
-            return Err(Defect::Value {
-                what,
-                value,
-                remedy,
-            });
-        }
-    }
-    Ok(())
+    ];
+    Defect::check("", values)
 }
