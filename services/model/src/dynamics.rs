@@ -8,6 +8,7 @@ use crate::pose::Pose;
 use crate::spatial::{Forces, Motions, RigidInertias, Sym3};
 use crate::terms::Terms;
 use nalgebra::{SMatrix, SVector, Vector3, Vector6};
+use shared_types::PlantState;
 
 /// The end-effector's motion, the arm's energy, and what its acceleration follows from, in one state.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,6 +29,19 @@ impl<const N: usize> ArmMotion<N> {
     /// q̈ under the joint torques `tau`: that of [`Model::forward_dynamics`] in this state, to the last bit.
     pub fn qddot(&self, tau: &SVector<f64, N>) -> SVector<f64, N> {
         Factored::of(self.A).solve(tau - self.bias)
+    }
+
+    /// What a plant tells of it.
+    #[must_use]
+    pub fn truth(&self) -> PlantState {
+        let mut truth = PlantState {
+            p_BE: self.X_BE.p.into(),
+            V_BE: self.V_BE.into(),
+            energy_j: self.energy,
+            ..PlantState::default()
+        };
+        truth.R_BE.copy_from_slice(self.X_BE.R.as_slice());
+        truth
     }
 }
 

@@ -467,7 +467,7 @@ impl<'a> Tree<'a> {
         };
         check_finite(&X_PJ, || format!("the pose of joint '{name}'"))?;
         let (mass, com, inertia) = self.lump(rigid)?;
-        let dynamics = joint.dynamics.as_ref();
+        let dynamics = joint.dynamics.clone().unwrap_or_default();
         let mut limit = joint.limit.clone();
         if kind == JointKind::Continuous {
             (limit.lower, limit.upper) = (f64::NEG_INFINITY, f64::INFINITY);
@@ -487,8 +487,8 @@ impl<'a> Tree<'a> {
             com,
             inertia,
             armature: 0.0,
-            viscous_friction: dynamics.map_or(0.0, |dynamics| dynamics.damping),
-            coulomb_friction: dynamics.map_or(0.0, |dynamics| dynamics.friction),
+            viscous_friction: dynamics.damping,
+            coulomb_friction: dynamics.friction,
             lower: limit.lower,
             upper: limit.upper,
             effort: limit.effort,

@@ -1,7 +1,7 @@
 //! The pure step of the plant: turns the robot's state into messages, and the commanded torque into
 //! the torque sent. PURE.
 
-use model::{ArmMotion, Model, padded};
+use model::{Model, padded};
 use nalgebra::SVector;
 use shared_types::codes::DRIVE_RATE;
 use shared_types::task_end::TaskEnd;
@@ -98,26 +98,17 @@ impl Cycle {
             drive: applied.drive,
             stale_ticks: applied.stale_ticks,
         };
-        let ArmMotion {
-            X_BE, V_BE, energy, ..
-        } = self.model.motion(&now.q, &now.qdot);
-        let mut R_BE = [0.0; 9];
-        R_BE.copy_from_slice(X_BE.R.as_slice());
         *truth = PlantState {
             header,
             q: padded(&now.q),
             qdot: padded(&now.qdot),
             tau: padded(&self.acted),
-            p_BE: X_BE.p.into(),
-            R_BE,
-            V_BE: V_BE.into(),
-            energy_j: energy,
             limit_mask: self.beyond_limits(&now.q),
             saturation_mask: self.saturation_mask,
             drive: applied.drive,
             drive_flags: self.flags,
             refused: applied.refused,
-            ..PlantState::default()
+            ..self.model.motion(&now.q, &now.qdot).truth()
         };
     }
 

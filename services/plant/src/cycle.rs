@@ -1,7 +1,7 @@
 //! The plant's pure step: from torque to motion, and from motion to sensor readings.
 
 use bytemuck::{bytes_of, pod_read_unaligned};
-use model::{ArmMotion, Model, Refused, Robot, embedded, joints, padded, stack};
+use model::{Model, Refused, Robot, embedded, joints, padded, stack};
 use nalgebra::SVector;
 use process::{CUT_TICKS, Damaged, Flow, Inputs, Outputs, Port, Process, Snapshot};
 use shared_types::checkpoints::PlantCheckpoint;
@@ -108,28 +108,19 @@ impl<const N: usize> Cycle<N> {
             drive: applied.drive,
             stale_ticks: applied.stale_ticks,
         };
-        let ArmMotion {
-            X_BE, V_BE, energy, ..
-        } = *plant.motion();
-        let mut R_BE = [0.0; 9];
-        R_BE.copy_from_slice(X_BE.R.as_slice());
         *truth = PlantState {
-            header: Header::default(),
             q: padded(&x.q),
             qdot: padded(&x.qdot),
             tau: own.acted,
-            p_BE: X_BE.p.into(),
-            R_BE,
-            V_BE: V_BE.into(),
             contact_force_n: touch.force.into(),
             contact_torque_nm: plant.pressed().fixed_rows::<3>(3).into(),
-            energy_j: energy,
             contacts: touch.contacts,
             limit_mask: touch.limits,
             saturation_mask: applied.saturation_mask,
             drive: applied.drive,
             drive_flags: applied.flags,
             refused: applied.refused,
+            ..plant.motion().truth()
         };
     }
 
