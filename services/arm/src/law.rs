@@ -12,7 +12,7 @@ use shared_types::{
 };
 
 use crate::steps::{Steps, steps};
-use crate::{Arm, is_finite};
+use crate::{Arm, is_finite, scenario};
 
 /// Age from which a target no longer counts, where those after it are refused; s.
 const VALID_S: f64 = 0.1;
@@ -120,8 +120,8 @@ impl Task {
         }
         arm.robot.complete().map_err(Refused::because)?;
         settings.push(format!("rate_hz={rate}"));
-        let (robot, scenario) = (Arc::clone(&arm.robot), arm.scenario(&settings)?);
-        let steps = steps(&robot, &scenario)?;
+        let robot = Arc::clone(&arm.robot);
+        let steps = steps(&robot, &scenario(&robot, &arm.tip, &settings)?)?;
         if let Some(q) = q {
             robot.check_posture(q).map_err(Refused::because)?;
         }
