@@ -142,18 +142,17 @@ fn listed(joints: &[Joint], is_so: impl Fn(&Joint) -> bool) -> Option<String> {
 
 /// The limits that are not stated, of speed and of torque. A continuous joint without any needs none.
 fn unlimited(joints: &[Joint]) -> impl Iterator<Item = String> {
-    let kinds: [(_, _, fn(&Joint) -> f64); 2] = [
-        ("torque", "effort", |joint| joint.effort),
-        ("speed", "velocity", |joint| joint.velocity),
-    ];
-    kinds.into_iter().filter_map(|(what, key, limit)| {
+    let unknown = |what: &str, key: &str, limit: fn(&Joint) -> f64| {
         let names = listed(joints, |joint| {
             joint.kind != JointKind::Continuous && limit(joint).is_infinite()
         })?;
         Some(format!(
             "the {what} limits of {names} are unknown: state `{key}` under `[joints.NAME]` in the description"
         ))
-    })
+    };
+    let torques = unknown("torque", "effort", |joint| joint.effort);
+    let speeds = unknown("speed", "velocity", |joint| joint.velocity);
+    torques.into_iter().chain(speeds)
 }
 
 /// Limits that look like degrees, and lengths that look like millimetres.
