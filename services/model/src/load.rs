@@ -6,7 +6,6 @@ use crate::factors::Factors;
 use crate::joint::{Joint, JointKind};
 use crate::robot::Robot;
 use crate::{geometry, urdf};
-use nalgebra::Vector3;
 use shared_types::bounds::within;
 use shared_types::job::RobotText;
 use std::collections::BTreeMap;
@@ -92,19 +91,20 @@ fn read(source: &RobotText) -> Result<Robot, Defect> {
             .map(|gaps| format!("it cannot move yet: {gaps}")),
     );
     let default_frame = description.default_frame.clone().unwrap_or(chain.tip);
+    let length = || geometry::default_length(&chain.joints, &chain.frames, &default_frame);
     let mut robot = Robot {
         name: source.name.clone(),
-        length_m: geometry::default_length(&chain.joints, &chain.frames, &default_frame),
+        length_m: description.length_m.unwrap_or_else(length),
         joints: chain.joints,
         frames: chain.frames,
         shapes: chain.shapes,
-        gravity: Vector3::new(0.0, 0.0, -9.81),
+        gravity: description.gravity.unwrap_or([0.0, 0.0, -9.81]).into(),
         gaps,
-        factors: Factors::Numeric,
+        factors: description.factors,
         default_frame,
         task: crate::TaskAxes::ALL,
         postures: BTreeMap::new(),
-        encoder_bits: 16,
+        encoder_bits: description.encoder_bits.unwrap_or(16),
         notes: chain.notes,
         meshes: source.folder.join(&description.meshes),
         source: source.clone(),
