@@ -7,7 +7,7 @@ use process::{CUT_TICKS, Damaged, Flow, Inputs, Outputs, Port, Process, Snapshot
 use shared_types::checkpoints::PlantCheckpoint;
 use shared_types::codes::DRIVE_DIVERGED;
 use shared_types::fault::ScheduledFault;
-use shared_types::scenario::{Push, Scenario};
+use shared_types::scenario::{self, Push, Scenario};
 use shared_types::task_end::TaskEnd;
 use shared_types::{Header, Layout, PlantState, SensorSample, TorqueCommand, WristForce};
 use sim::{Drive, Encoders, Plant, gaussians};
@@ -18,13 +18,13 @@ use crate::hardware_faults::HardwareFaults;
 /// The part of the plant that never changes: its encoders, and the size of its arm.
 pub(crate) struct Cycle<const N: usize> {
     encoders: Encoders<N>,
-    /// Standard deviations of the wrist sensor's noise, N, N·m, and its seed.
-    wrist_noise: [f64; 2],
+    /// The scenario's: pushes on the hand, noise of the wrist's sensor.
+    options: scenario::Plant,
+    /// Of that noise.
     wrist_seed: u64,
     /// Number of the arm's joints; further entries of a command are ignored.
     dof: usize,
-    /// The pushes on the hand, and the length of a tick, s.
-    push: Vec<Push>,
+    /// Length of a tick, s.
     dt_s: f64,
 }
 
@@ -63,11 +63,10 @@ impl<const N: usize> Cycle<N> {
                 options.encoder_noise_counts,
                 scenario.seed,
             ),
-            wrist_noise: [options.wrist_noise_n, options.wrist_noise_nm],
+            options: options.clone(),
             // Not the encoders' numbers.
             wrist_seed: !scenario.seed,
             dof: robot.dof(),
-            push: options.push.clone(),
             dt_s: scenario.dt_s(),
         };
         let world = World {
@@ -126,13 +125,12 @@ impl<const N: usize> Cycle<N> {
 
     /// The wrist's sensor at `tick`: the wrench on the hand, with noise that is a function of the seed and the tick.
     fn feel(&self, world: &World<N>, tick: u64) -> WristForce {
-        let [noise_n, noise_nm] = self.wrist_noise;
         let noise: [f64; 6] = gaussians(self.wrist_seed, tick);
         let felt = world.plant.pressed();
         WristForce {
             header: Header::default(),
-            force_n: array::from_fn(|i| felt[i] + noise[i] * noise_n),
-            torque_nm: array::from_fn(|i| felt[3 + i] + noise[3 + i] * noise_nm),
+            force_n: array::from_fn(|i| felt[i] + noise[i] * self.options.wrist_noise_n),
+            torque_nm: array::from_fn(|i| felt[3 + i] + noise[3 + i] * self.options.wrist_noise_nm),
         }
     }
 
@@ -150,7 +148,7 @@ impl<const N: usize> Cycle<N> {
     fn pushed(&self, world: &World<N>) -> SVector<f64, N> {
         let t_s = world.own.ticks as f64 * self.dt_s;
         let lasts = |push: &&Push| (push.at_s..push.at_s + push.for_s).contains(&t_s);
-        let now = self.push.iter().filter(lasts);
+        let now = self.options.push.iter().filter(lasts);
         now.fold(SVector::zeros(), |sum, push| {
             let F = stack(&push.force_n.into(), &push.torque_nm.into());
             let plant = &world.plant;
