@@ -130,8 +130,7 @@ pub(crate) fn vector(v: &Vector3<f64>) -> math::Vector {
 }
 
 pub(crate) fn matrix(A: &Matrix3<f64>) -> math::Matrix {
-    let column = |j: usize| vector(&A.column(j).into());
-    math::Matrix::from_cols(column(0), column(1), column(2))
+    math::Matrix::from_cols_slice(A.as_slice())
 }
 
 pub(crate) fn to_rapier(X: &Pose) -> math::Pose {

@@ -373,8 +373,7 @@ impl World {
                 }
             }
         }
-        let [x, y, z] = impulse.to_array();
-        (carrying, candidates, Vector3::new(x, y, z))
+        (carrying, candidates, impulse.to_array().into())
     }
 }
 
