@@ -2,20 +2,14 @@
 
 use std::error::Error;
 use std::path::Path;
-use std::{env, fs};
+use std::{env, fs, io};
 
 fn main() -> Result<(), Box<dyn Error>> {
     println!("cargo::rerun-if-changed=scenarios");
-    let folder = Path::new(&env::var("CARGO_MANIFEST_DIR")?).join("scenarios");
-    let mut files: Vec<_> = fs::read_dir(&folder)?
-        .collect::<Result<Vec<_>, _>>()?
-        .iter()
-        .map(fs::DirEntry::path)
-        .collect();
-    files.retain(|file| {
-        file.extension()
-            .is_some_and(|extension| extension == "toml")
-    });
+    let folder = env::current_dir()?.join("scenarios");
+    let files = fs::read_dir(folder)?.map(|file| Ok(file?.path()));
+    let mut files = files.collect::<io::Result<Vec<_>>>()?;
+    files.retain(|file| file.extension() == Some("toml".as_ref()));
     files.sort();
     let mut table = String::from("&[\n");
     for file in files {

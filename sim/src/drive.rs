@@ -2,6 +2,7 @@
 
 use model::{Model, joints, padded};
 use nalgebra::SVector;
+use shared_types::MAX_DOF;
 use shared_types::checkpoints::DriveCheckpoint;
 use shared_types::codes::{
     DRIVE_ABSENT, DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_EFFORT, DRIVE_ENCODER, DRIVE_HOLDING,
@@ -40,23 +41,6 @@ const REST_SPEED: f64 = 0.05;
 /// ... or after this time, at whatever speed is left; s.
 const STOP_TIME: f64 = 1.0;
 
-/// The drives' actions over a tick.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Applied<const N: usize> {
-    /// Torque on the joints; N·m.
-    pub tau: SVector<f64, N>,
-    /// One of `codes::DRIVES`.
-    pub drive: u32,
-    /// A sum of `codes::DRIVE_FLAGS`.
-    pub flags: u32,
-    /// Bit i: the torque of joint i is not the one asked for.
-    pub saturation_mask: u32,
-    /// Age of the torque in force: ticks since the state it was computed from, beyond the usual one.
-    pub stale_ticks: u32,
-    /// Whether the brakes hold the arm.
-    pub braked: bool,
-}
-
 /// The drives of an arm.
 ///
 /// | state | torque | until |
@@ -83,13 +67,8 @@ pub struct Drive<const N: usize> {
     dt: f64,
     hold_ticks: u32,
     rest: SVector<f64, N>,
-    applied: Applied<N>,
-    /// Joint speeds of the tick before, where there was one.
-    qdot_before: Option<SVector<f64, N>>,
-    /// On the way back from a stop to commanded torque.
-    returning: bool,
-    stopping_ticks: u32,
-    refused: u32,
+    /// All that a tick changes: the drives' actions over the last one.
+    state: DriveCheckpoint,
 }
 
 impl<const N: usize> Drive<N> {
@@ -105,92 +84,50 @@ impl<const N: usize> Drive<N> {
                 REST_SPEED
             }
         });
-        let applied = Applied {
-            tau: carried,
-            drive: DRIVE_ACTIVE,
-            flags: 0,
-            saturation_mask: 0,
-            stale_ticks: 0,
-            braked: false,
-        };
-        let dt = 1.0 / f64::from(rate_hz);
         Self {
             model,
-            dt,
+            dt: 1.0 / f64::from(rate_hz),
             hold_ticks,
             rest,
-            applied,
-            qdot_before: None,
-            returning: false,
-            stopping_ticks: 0,
-            refused: 0,
+            state: DriveCheckpoint {
+                tau: padded(&carried),
+                drive: DRIVE_ACTIVE,
+                ..DriveCheckpoint::default()
+            },
         }
     }
 
     /// The drives' actions over the last tick.
-    pub fn applied(&self) -> &Applied<N> {
-        &self.applied
+    pub fn state(&self) -> &DriveCheckpoint {
+        &self.state
     }
 
-    /// All that a tick changes.
-    pub fn save(&self) -> DriveCheckpoint {
-        let applied = &self.applied;
-        DriveCheckpoint {
-            tau: padded(&applied.tau),
-            qdot_before: self.qdot_before.as_ref().map(padded).unwrap_or_default(),
-            has_before: self.qdot_before.is_some().into(),
-            drive: applied.drive,
-            flags: applied.flags,
-            saturation_mask: applied.saturation_mask,
-            stale_ticks: applied.stale_ticks,
-            braked: applied.braked.into(),
-            returning: self.returning.into(),
-            stopping_ticks: self.stopping_ticks,
-            refused: self.refused,
-            reserved: 0,
-        }
-    }
-
-    /// Goes on from what [`save`](Self::save) has given.
+    /// Goes on from a [`state`](Self::state).
     pub fn restore(&mut self, from: &DriveCheckpoint) {
-        self.applied = Applied {
-            tau: joints(&from.tau),
-            drive: from.drive,
-            flags: from.flags,
-            saturation_mask: from.saturation_mask,
-            stale_ticks: from.stale_ticks,
-            braked: from.braked == 1,
-        };
-        self.qdot_before = (from.has_before == 1).then(|| joints(&from.qdot_before));
-        self.returning = from.returning == 1;
-        (self.stopping_ticks, self.refused) = (from.stopping_ticks, from.refused);
+        self.state = *from;
     }
 
-    /// Commands refused so far.
-    pub fn refused(&self) -> u32 {
-        self.refused
+    /// Torque on the joints over the last tick; N·m.
+    pub fn tau(&self) -> SVector<f64, N> {
+        joints(&self.state.tau)
     }
 
-    /// The torque for one tick from the state (q, q̇), given the command for it (`None`: none came).
+    /// Whether the brakes hold the arm.
+    pub fn is_braked(&self) -> bool {
+        self.state.braked == 1
+    }
+
+    /// The torque for one tick from the state (q, q̇), given the command for it (`None`: none came), which was computed from a state `age` ticks ago; one
+    /// older than `hold_ticks` is refused and counts as absent.
     ///
     /// Ensures a finite torque within the effort limits. No allocation.
-    pub fn step(
-        &mut self,
-        q: &SVector<f64, N>,
-        qdot: &SVector<f64, N>,
-        command: Option<&SVector<f64, N>>,
-    ) -> &Applied<N> {
-        self.answer(q, qdot, command, 0)
-    }
-
-    /// The same for a command that was computed from a state `age` ticks ago; one older than `hold_ticks` is refused and counts as absent.
     pub fn answer(
         &mut self,
         q: &SVector<f64, N>,
         qdot: &SVector<f64, N>,
         command: Option<&SVector<f64, N>>,
         age: u32,
-    ) -> &Applied<N> {
+    ) -> &DriveCheckpoint {
         let (fresh, flag) = match command {
             Some(_) if age > self.hold_ticks => (None, DRIVE_STALE),
             Some(tau) if tau.iter().all(|x| x.is_finite()) => (Some(*tau), 0),
@@ -201,7 +138,7 @@ impl<const N: usize> Drive<N> {
     }
 
     /// The same where the encoders report another position than the drives' own sensors: the command was computed from it, is refused, and counts as absent.
-    pub fn refuse(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>) -> &Applied<N> {
+    pub fn refuse(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>) -> &DriveCheckpoint {
         self.advance(q, qdot, None, 0, DRIVE_ENCODER)
     }
 
@@ -213,71 +150,72 @@ impl<const N: usize> Drive<N> {
         fresh: Option<SVector<f64, N>>,
         age: u32,
         mut flags: u32,
-    ) -> &Applied<N> {
+    ) -> &DriveCheckpoint {
+        let before = self.state;
         let is_refused = flags & (DRIVE_STALE | DRIVE_REFUSED | DRIVE_ENCODER) != 0;
-        self.refused = self.refused.saturating_add(u32::from(is_refused));
         let stale_ticks = if fresh.is_some() {
             age
         } else {
-            self.applied.stale_ticks.saturating_add(1)
+            before.stale_ticks.saturating_add(1)
         };
-        let drive = self.next(fresh.is_some(), stale_ticks, qdot);
-        self.stopping_ticks = match drive {
-            DRIVE_STOPPING => self.stopping_ticks + 1,
+        let mut drive = self.next(fresh.is_some(), stale_ticks, qdot);
+        let stopping_ticks = match drive {
+            DRIVE_STOPPING => before.stopping_ticks + 1,
             _ => 0,
         };
-        self.returning = match (fresh, drive) {
+        let mut returning = match (fresh, drive) {
             (Some(_), DRIVE_BRAKED) => true,
-            (Some(_), _) => self.returning || self.applied.drive == DRIVE_STOPPING,
-            (None, DRIVE_HOLDING) => self.returning,
+            (Some(_), _) => before.returning == 1 || before.drive == DRIVE_STOPPING,
+            (None, DRIVE_HOLDING) => before.returning == 1,
             (None, _) => false,
         };
 
         let wanted = match (fresh, drive) {
             (Some(tau), _) => tau,
-            (None, DRIVE_HOLDING) => self.applied.tau,
+            (None, DRIVE_HOLDING) => self.tau(),
             (None, DRIVE_STOPPING) => self.stop_law(q, qdot),
             (None, _) => SVector::zeros(),
         };
-        let rate = if self.returning {
-            RETURN_RATE
-        } else {
-            TORQUE_RATE
-        };
+        let rate = if returning { RETURN_RATE } else { TORQUE_RATE };
         let (tau, limited) = self.limit(q, qdot, &wanted, rate * self.dt);
         flags |= limited;
         let limited = (0..N).filter(|i| tau[*i] != wanted[*i]);
         let saturation_mask = limited.fold(0, |mask, i| mask | 1 << i);
         // The return is over, and the brakes release, when the applied torque is what the command comes to.
-        let mut state = drive;
-        if fresh.is_some() && self.returning && flags & DRIVE_RATE == 0 {
-            self.returning = false;
-            state = DRIVE_ACTIVE;
+        if fresh.is_some() && returning && flags & DRIVE_RATE == 0 {
+            (returning, drive) = (false, DRIVE_ACTIVE);
         }
-        let braked = state == DRIVE_BRAKED;
-        self.applied = Applied {
-            tau,
-            drive: state,
+        self.state = DriveCheckpoint {
+            tau: padded(&tau),
+            qdot_before: padded(qdot),
+            has_before: 1,
+            drive,
             flags,
             saturation_mask,
             stale_ticks,
-            braked,
+            braked: u32::from(drive == DRIVE_BRAKED),
+            returning: returning.into(),
+            stopping_ticks,
+            refused: before.refused.saturating_add(is_refused.into()),
+            reserved: 0,
         };
-        self.qdot_before = Some(*qdot);
-        &self.applied
+        &self.state
     }
 
     /// Stops at once: brakes on, whatever the motion. For a state that cannot be gone on from.
     pub fn brake(&mut self, flag: u32) {
-        self.returning = false;
-        self.applied.drive = DRIVE_BRAKED;
-        self.applied.braked = true;
-        self.applied.flags |= flag;
-        self.applied.tau.fill(0.0);
+        self.state = DriveCheckpoint {
+            tau: [0.0; MAX_DOF],
+            drive: DRIVE_BRAKED,
+            flags: self.state.flags | flag,
+            braked: 1,
+            returning: 0,
+            ..self.state
+        };
     }
 
     fn next(&self, fresh: bool, stale_ticks: u32, qdot: &SVector<f64, N>) -> u32 {
-        match (self.applied.drive, fresh) {
+        match (self.state.drive, fresh) {
             (DRIVE_BRAKED, _) => DRIVE_BRAKED,
             (_, true) => DRIVE_ACTIVE,
             (DRIVE_ACTIVE | DRIVE_HOLDING, false) if stale_ticks <= self.hold_ticks => {
@@ -293,7 +231,7 @@ impl<const N: usize> Drive<N> {
             .iter()
             .zip(self.rest.iter())
             .all(|(v, rest)| v.abs() <= *rest);
-        slow || f64::from(self.stopping_ticks) * self.dt >= STOP_TIME
+        slow || f64::from(self.state.stopping_ticks) * self.dt >= STOP_TIME
     }
 
     /// τ = g(q) − k·diag A(q)·q̇
@@ -318,7 +256,9 @@ impl<const N: usize> Drive<N> {
             }
         };
         let speed = self.model.velocity();
-        let gained = (self.qdot_before).map_or_else(SVector::zeros, |before| qdot - before);
+        let has_before = self.state.has_before == 1;
+        let before = has_before.then(|| joints::<N>(&self.state.qdot_before));
+        let gained = before.map_or_else(SVector::zeros, |before| qdot - before);
         let is_near =
             |i: usize| qdot[i].abs() + AHEAD_TICKS * gained[i].abs() > AHEAD_RATIO * speed[i];
         // The most that keeps a joint at its speed limit: what carries its weight, less damping of the excess.
@@ -331,7 +271,7 @@ impl<const N: usize> Drive<N> {
         let speed_gain = SPEED_GAIN.min(SPEED_SHARE / self.dt).max(STOP_GAIN);
         let mut tau = *wanted;
         for i in 0..N {
-            let (effort, last) = (self.model.effort()[i], self.applied.tau[i]);
+            let (effort, last) = (self.model.effort()[i], self.state.tau[i]);
             let slack = step * effort;
             bound(&mut tau[i], -effort, effort, DRIVE_EFFORT);
             let (excess, sign) = (qdot[i].abs() - speed[i], qdot[i].signum());
@@ -340,7 +280,7 @@ impl<const N: usize> Drive<N> {
             if excess > 0.0 {
                 most = sign * carried[i] - speed_gain * inertia[i] * excess;
             }
-            if self.qdot_before.is_some() && is_near(i) {
+            if has_before && is_near(i) {
                 // Without a model of the arm there is no more than what carries the joint.
                 let ahead = mobility.map_or(sign * carried[i], |mobility| {
                     let room = (-excess).max(0.0);
@@ -391,6 +331,18 @@ mod tests {
 
     const REST: Joints = Joints::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
 
+    impl<const N: usize> Drive<N> {
+        /// The answer to a command that was computed from this state.
+        fn step(
+            &mut self,
+            q: &SVector<f64, N>,
+            qdot: &SVector<f64, N>,
+            command: Option<&SVector<f64, N>>,
+        ) -> &DriveCheckpoint {
+            self.answer(q, qdot, command, 0)
+        }
+    }
+
     /// Largest change of torque as a fraction of the effort limit.
     fn step_ratio(before: &Joints, after: &Joints) -> f64 {
         (after - before).component_div(ARM.effort()).amax()
@@ -399,10 +351,10 @@ mod tests {
     /// The drives' answer to the torque of an arm at rest, changed by `change`: drive, flags, mask, and how far it is from the one commanded.
     fn answer(age: u32, change: impl Fn(&mut Joints)) -> (u32, u32, u32, f64) {
         let mut drive = drive();
-        let mut tau = drive.applied().tau;
+        let mut tau = drive.tau();
         change(&mut tau);
-        let applied = drive.answer(&START, &REST, Some(&tau), age);
-        let off = step_ratio(&tau, &applied.tau);
+        let applied = *drive.answer(&START, &REST, Some(&tau), age);
+        let off = step_ratio(&tau, &drive.tau());
         (applied.drive, applied.flags, applied.saturation_mask, off)
     }
 
@@ -423,18 +375,14 @@ mod tests {
         assert_eq!((state, flags, mask), (DRIVE_ACTIVE, DRIVE_RATE, 0b1000));
         assert!((off - (0.9 - rate)).abs() < 1e-12, "{off}");
         let mut drive = drive();
-        let tau = drive.applied().tau + Joints::new(0.0, 1e6, 0.0, 0.0, 0.0, -1e6);
+        let tau = drive.tau() + Joints::new(0.0, 1e6, 0.0, 0.0, 0.0, -1e6);
         for _ in 0..5 {
             drive.step(&START, &REST, Some(&tau));
         }
-        let Applied {
-            tau,
-            flags,
-            saturation_mask,
-            ..
-        } = drive.applied();
-        assert_eq!((tau[1], tau[5]), (effort[1], -effort[5]));
-        assert_eq!((*flags, *saturation_mask), (DRIVE_EFFORT, 0b10_0010));
+        let state = drive.state();
+        assert_eq!((state.tau[1], state.tau[5]), (effort[1], -effort[5]));
+        let limited = (state.flags, state.saturation_mask);
+        assert_eq!(limited, (DRIVE_EFFORT, 0b10_0010));
     }
 
     #[test]
@@ -462,7 +410,7 @@ mod tests {
         for _ in 0..40 {
             let mut tau = model.gravity(&q);
             tau[joint] = sign * model.effort()[joint];
-            let mut applied = drive.step(&q, &qdot, Some(&tau)).tau;
+            let mut applied: SVector<f64, N> = joints(&drive.step(&q, &qdot, Some(&tau)).tau);
             applied[joint] += push * model.effort()[joint];
             for _ in 0..10 {
                 qdot += model.forward_dynamics(&q, &qdot, &applied) * 1e-4;
@@ -498,7 +446,7 @@ mod tests {
         for tick in 0..600 {
             let push = Joints::from_fn(|i, _| if (tick / 70 + i) % 2 == 0 { 1.0 } else { -1.0 });
             let tau = ARM.effort().component_mul(&push);
-            let tau = drive.step(&q, &qdot, Some(&tau)).tau;
+            let tau = joints(&drive.step(&q, &qdot, Some(&tau)).tau);
             qdot += ARM.forward_dynamics(&q, &qdot, &tau) * 1e-3;
             q += qdot * 1e-3;
             most = most.sup(&qdot.component_div(ARM.velocity()).abs());
@@ -528,40 +476,37 @@ mod tests {
         let gravity = ARM.gravity(&START);
         let command = gravity + Joints::new(30.0, -40.0, 20.0, 5.0, 4.0, 3.0);
         let moving = Joints::new(0.5, -0.4, 0.3, 1.0, -1.0, 1.0);
-        let mut last = drive.step(&START, &moving, Some(&command)).tau;
+        drive.step(&START, &moving, Some(&command));
         for k in 1..=3 {
-            let held = drive.step(&START, &moving, None);
-            assert_eq!(
-                (held.drive, held.stale_ticks, held.tau),
-                (DRIVE_HOLDING, k, command)
-            );
+            let held = *drive.step(&START, &moving, None);
+            assert_eq!((held.drive, held.stale_ticks), (DRIVE_HOLDING, k));
+            assert_eq!(drive.tau(), command);
         }
+        let mut last = command;
         for _ in 0..20 {
-            let stopping = drive.step(&START, &moving, None);
-            assert_eq!(stopping.drive, DRIVE_STOPPING);
-            assert!(step_ratio(&last, &stopping.tau) <= TORQUE_RATE * 1e-3 + 1e-12);
-            last = stopping.tau;
+            assert_eq!(drive.step(&START, &moving, None).drive, DRIVE_STOPPING);
+            assert!(step_ratio(&last, &drive.tau()) <= TORQUE_RATE * 1e-3 + 1e-12);
+            last = drive.tau();
         }
         let damping = ARM.mass_matrix(&START).diagonal().component_mul(&moving);
         let law = gravity - damping * STOP_GAIN;
         let law = law.zip_map(ARM.effort(), |t, e| t.clamp(-e, e));
         assert!((last - law).amax() < 1e-12, "the stop law");
-        let braked = drive.step(&START, &REST, None);
-        assert!(braked.braked && braked.drive == DRIVE_BRAKED);
+        assert_eq!(drive.step(&START, &REST, None).drive, DRIVE_BRAKED);
         for _ in 0..20 {
             drive.step(&START, &REST, None);
         }
-        assert_eq!(drive.applied().tau, REST, "the brakes carry the arm");
+        assert_eq!(drive.tau(), REST, "the brakes carry the arm");
 
         let heavy = gravity - Joints::new(0.0, 60.0, 0.0, 0.0, 0.0, 0.0);
         let (mut ticks, mut last) = (0, REST);
-        while drive.applied().braked {
-            let applied = drive.step(&START, &REST, Some(&heavy));
-            assert!(step_ratio(&last, &applied.tau) <= RETURN_RATE * 1e-3 + 1e-12);
-            (last, ticks) = (applied.tau, ticks + 1);
+        while drive.is_braked() {
+            drive.step(&START, &REST, Some(&heavy));
+            assert!(step_ratio(&last, &drive.tau()) <= RETURN_RATE * 1e-3 + 1e-12);
+            (last, ticks) = (drive.tau(), ticks + 1);
             assert!(ticks < 20, "the torque builds up in a bounded time");
         }
-        assert!(ticks > 3 && (last, drive.applied().drive) == (heavy, DRIVE_ACTIVE));
+        assert!(ticks > 3 && (last, drive.state().drive) == (heavy, DRIVE_ACTIVE));
     }
 
     #[test]
@@ -570,7 +515,7 @@ mod tests {
         for _ in 0..10 {
             drive.step(&START, &moving, None);
         }
-        let mut last = drive.applied().tau;
+        let mut last = drive.tau();
         let far = last + ARM.effort() * 0.45;
         for command in [Some(&far), None, Some(&far)] {
             let applied = *drive.step(&START, &moving, command);
@@ -580,15 +525,15 @@ mod tests {
                 None => (DRIVE_HOLDING, DRIVE_ABSENT, 0.0),
             };
             assert_eq!((applied.drive, applied.flags & flag), (state, flag));
-            assert!((step_ratio(&last, &applied.tau) - step).abs() < 1e-12);
-            last = applied.tau;
+            assert!((step_ratio(&last, &drive.tau()) - step).abs() < 1e-12);
+            last = drive.tau();
         }
     }
 
     #[test]
     fn brakes_engage_in_bounded_time_even_if_rest_never_comes() {
         let mut drive = drive();
-        let ticks = (0..2000).find(|_| drive.step(&START, &Joints::repeat(1.0), None).braked);
+        let ticks = (0..2000).find(|_| drive.step(&START, &Joints::repeat(1.0), None).braked == 1);
         assert_eq!(ticks, Some(3 + 1000));
     }
 
@@ -600,10 +545,10 @@ mod tests {
         ) {
             let (mut drive, qdot) = (drive(), Joints::from(qdot));
             for command in commands {
-                let before = drive.applied().tau;
-                let applied = *drive.step(&START, &qdot, command.map(Joints::from).as_ref());
-                proptest::prop_assert!(applied.tau.iter().zip(ARM.effort().iter()).all(|(t, e)| t.abs() <= *e));
-                proptest::prop_assert!(step_ratio(&before, &applied.tau) <= TORQUE_RATE * 1e-3 + 1e-12);
+                let before = drive.tau();
+                drive.step(&START, &qdot, command.map(Joints::from).as_ref());
+                proptest::prop_assert!(drive.tau().iter().zip(ARM.effort()).all(|(t, e)| t.abs() <= *e));
+                proptest::prop_assert!(step_ratio(&before, &drive.tau()) <= TORQUE_RATE * 1e-3 + 1e-12);
             }
         }
     }

@@ -34,16 +34,6 @@ pub enum PlantError {
         /// How deep; mm.
         depth_mm: f64,
     },
-    /// A number of the scenario's `[plant]` is out of range.
-    #[error("{key} = {value} cannot be: it must be {range}")]
-    Range {
-        /// The scenario's key.
-        key: &'static str,
-        /// Its value.
-        value: f64,
-        /// The allowed values.
-        range: &'static str,
-    },
     /// Dry friction is not smooth.
     #[error(
         "plant.model = \"reference\" integrates smooth dynamics and has no dry friction, but joint {joint} of '{robot}' has {coulomb} N·m of it: use plant.model = \"rapier\", or plant.friction = false"
@@ -74,7 +64,4 @@ pub enum PlantError {
         /// The robot's name.
         robot: String,
     },
-    /// There is nothing to move.
-    #[error("the robot has no joints")]
-    NoJoints,
 }

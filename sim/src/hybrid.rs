@@ -67,8 +67,6 @@ pub(crate) struct Hybrid<const N: usize> {
     world: World,
     /// Coulomb friction; N·m. `None`: there is none.
     dry_friction: Option<SVector<f64, N>>,
-    lower: SVector<f64, N>,
-    upper: SVector<f64, N>,
     /// How far any point can move per joint motion; m/rad.
     reach: SVector<f64, N>,
     constraints: Constraints<N>,
@@ -104,16 +102,7 @@ impl<const N: usize> Hybrid<N> {
         let dry_friction =
             (options.friction && coulomb.iter().any(|c| *c > 0.0)).then_some(coulomb);
         let X_BL = model.link_poses(q);
-        let h = tick_s / f64::from(options.substeps);
-        let world = World::new(
-            robot,
-            q,
-            &X_BL,
-            options.floor_m,
-            options.self_collision,
-            dry_friction.is_some(),
-            h,
-        )?;
+        let world = World::new(robot, q, &X_BL, options, tick_s)?;
         let clearance = world.clearance(&X_BL);
         Ok(Self {
             reach: reach(robot, world.solids()),
@@ -127,8 +116,6 @@ impl<const N: usize> Hybrid<N> {
             has_asked: false,
             world,
             dry_friction,
-            lower: *model.lower(),
-            upper: *model.upper(),
             substeps: options.substeps,
             tick_s,
             #[cfg(test)]
@@ -242,7 +229,7 @@ impl<const N: usize> Hybrid<N> {
         if self.constraints.clearance - moved <= NEAR {
             self.constraints.clearance = self.world.clearance(&smooth.model.link_poses(&x.q));
         }
-        let within = |x: &State<N>| (0..N).all(|i| self.beyond(x, i).0 + spare[i] <= 0.0);
+        let within = |x: &State<N>| (0..N).all(|i| smooth.beyond(x, i).0 + spare[i] <= 0.0);
         // Written so that a NaN is no free motion.
         if !(within(x) && within(&next) && self.constraints.clearance - moved > NEAR) {
             return None;
@@ -289,7 +276,7 @@ impl<const N: usize> Hybrid<N> {
                 let moved = response.state.qdot * h;
                 let mut correction = response.state.q - x.q - moved;
                 for i in 0..N {
-                    let (depth, inwards) = self.beyond(x, i);
+                    let (depth, inwards) = smooth.beyond(x, i);
                     if depth > 0.0 && dv[i] * inwards > 0.0 {
                         pushing += 1;
                         touch.limits |= 1 << i;
@@ -333,7 +320,7 @@ impl<const N: usize> Hybrid<N> {
     ///
     /// Distances are computed only where nothing else decides: the bound on the clearance stays one without them.
     fn may_touch(&mut self, smooth: &Smooth<N>, x: &State<N>) -> bool {
-        if self.constraints.touching || (0..N).any(|i| self.beyond(x, i).0 > 0.0) {
+        if self.constraints.touching || (0..N).any(|i| smooth.beyond(x, i).0 > 0.0) {
             return true;
         }
         // An arm of unbounded reach makes the bound −∞ or NaN, and is looked at every time.
@@ -356,12 +343,6 @@ impl<const N: usize> Hybrid<N> {
             );
             x = smooth.rk4(&x, tau, h);
         }
-    }
-
-    /// How far joint i is beyond a limit (rad, negative inside), and the sign of the way back.
-    fn beyond(&self, x: &State<N>, i: usize) -> (f64, f64) {
-        let (low, high) = (self.lower[i] - x.q[i], x.q[i] - self.upper[i]);
-        if low > high { (low, 1.0) } else { (high, -1.0) }
     }
 }
 

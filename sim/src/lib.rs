@@ -27,7 +27,7 @@ mod surface;
 mod tests;
 mod world;
 
-pub use drive::{Applied, Drive, STOP_GAIN};
+pub use drive::{Drive, STOP_GAIN};
 pub use encoder::Encoders;
 pub use error::PlantError;
 pub use hybrid::Touch;

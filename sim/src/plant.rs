@@ -16,18 +16,11 @@ use shared_types::scenario::{self, PlantModel};
 )]
 pub struct Diverged;
 
-/// How the state is carried from tick to tick.
-enum BackEnd<const N: usize> {
-    /// Runge–Kutta alone: no floor, no joint stops, no dry friction.
-    Reference,
-    /// With constraints from rapier3d.
-    Hybrid(Box<Hybrid<N>>),
-}
-
 /// A simulated arm in its world.
 pub struct Plant<const N: usize> {
     smooth: Smooth<N>,
-    back_end: BackEnd<N>,
+    /// What rapier3d adds; `None`: Runge–Kutta alone, without floor, joint stops and dry friction.
+    pub(crate) hybrid: Option<Box<Hybrid<N>>>,
     state: State<N>,
     /// Of the state.
     motion: ArmMotion<N>,
@@ -41,8 +34,10 @@ impl<const N: usize> Plant<N> {
     ///
     /// `options.mass_factor` scales the links' masses and inertias; the armature is the drives', and stays. `options.payload` comes on top.
     ///
+    /// Requires `options` and `rate_hz` of a scenario, which has checked them.
+    ///
     /// # Errors
-    /// [`PlantError`]: a posture outside the limits, in the floor or in a surface, a number out of range, an arm that cannot be simulated.
+    /// [`PlantError`]: a posture outside the limits, in the floor or in a surface, an arm that cannot be simulated.
     pub fn new(
         robot: &Robot,
         frame: Option<&str>,
@@ -50,7 +45,6 @@ impl<const N: usize> Plant<N> {
         rate_hz: u32,
         q_start: &SVector<f64, N>,
     ) -> Result<Self, PlantError> {
-        check(options, rate_hz)?;
         let mut robot = robot.clone();
         for joint in &mut robot.joints {
             joint.mass *= options.mass_factor;
@@ -78,7 +72,7 @@ impl<const N: usize> Plant<N> {
             surfaces,
         };
         let tick_s = 1.0 / f64::from(rate_hz);
-        let back_end = match options.model {
+        let hybrid = match options.model {
             PlantModel::Reference => {
                 let is_dry =
                     |joint: &&model::Joint| options.friction && joint.coulomb_friction > 0.0;
@@ -89,17 +83,18 @@ impl<const N: usize> Plant<N> {
                         robot: robot.name,
                     });
                 }
-                BackEnd::Reference
+                None
             }
-            PlantModel::Rapier => BackEnd::Hybrid(Box::new(Hybrid::new(
-                &robot, &smooth, q_start, options, tick_s,
-            )?)),
+            PlantModel::Rapier => {
+                let hybrid = Hybrid::new(&robot, &smooth, q_start, options, tick_s)?;
+                Some(Box::new(hybrid))
+            }
         };
         let state = State::at_rest(*q_start);
         Ok(Self {
             motion: smooth.motion(&state),
             smooth,
-            back_end,
+            hybrid,
             state,
             touch: Touch::default(),
             tick_s,
@@ -114,13 +109,13 @@ impl<const N: usize> Plant<N> {
     /// # Errors
     /// [`Diverged`], with the state as it was.
     pub fn step(&mut self, tau: &SVector<f64, N>) -> Result<(), Diverged> {
-        let (state, touch) = match &mut self.back_end {
-            BackEnd::Reference => (
-                self.smooth
-                    .advance(&self.state, &self.motion, tau, self.tick_s),
-                Touch::default(),
-            ),
-            BackEnd::Hybrid(hybrid) => hybrid.tick(&self.smooth, &self.state, &self.motion, tau),
+        let (smooth, now) = (&self.smooth, &self.motion);
+        let (state, touch) = match &mut self.hybrid {
+            Some(hybrid) => hybrid.tick(smooth, &self.state, now, tau),
+            None => {
+                let state = smooth.advance(&self.state, now, tau, self.tick_s);
+                (state, Touch::default())
+            }
         };
         if !state.is_finite() {
             return Err(Diverged);
@@ -149,14 +144,14 @@ impl<const N: usize> Plant<N> {
         (out.q, out.qdot) = (padded(&self.state.q), padded(&self.state.qdot));
         out.force = self.touch.force.into();
         (out.contacts, out.limits) = (self.touch.contacts, self.touch.limits);
-        if let BackEnd::Hybrid(hybrid) = &self.back_end {
+        if let Some(hybrid) = &self.hybrid {
             hybrid.save(out);
         }
     }
 
     /// Forgets what rapier3d remembers of earlier contacts: what follows is determined by what [`save`](Self::save) writes.
     pub fn forget(&mut self) {
-        if let BackEnd::Hybrid(hybrid) = &mut self.back_end {
+        if let Some(hybrid) = &mut self.hybrid {
             hybrid.forget();
         }
     }
@@ -173,7 +168,7 @@ impl<const N: usize> Plant<N> {
             contacts: from.contacts,
             limits: from.limits,
         };
-        if let BackEnd::Hybrid(hybrid) = &mut self.back_end {
+        if let Some(hybrid) = &mut self.hybrid {
             hybrid.restore(from);
         }
     }
@@ -207,58 +202,4 @@ impl<const N: usize> Plant<N> {
     pub fn energy(&self) -> f64 {
         self.motion.energy
     }
-
-    /// Makes the hybrid plant ask rapier3d at every sub-step.
-    #[cfg(test)]
-    pub(crate) fn always_ask(&mut self) {
-        if let BackEnd::Hybrid(hybrid) = &mut self.back_end {
-            hybrid.always = true;
-        }
-    }
-
-    /// Makes the hybrid plant divide all ticks in which a constraint may act into equal sub-steps.
-    #[cfg(test)]
-    pub(crate) fn divide_equally(&mut self) {
-        if let BackEnd::Hybrid(hybrid) = &mut self.back_end {
-            hybrid.equal = true;
-        }
-    }
-
-    /// Sub-steps in which the hybrid plant has asked rapier3d.
-    #[cfg(test)]
-    pub(crate) fn asked(&self) -> u32 {
-        if let BackEnd::Hybrid(hybrid) = &self.back_end {
-            hybrid.asked
-        } else {
-            0
-        }
-    }
-}
-
-/// The ranges of the plant's settings.
-fn check(options: &scenario::Plant, rate_hz: u32) -> Result<(), PlantError> {
-    let (factor, floor_m) = (options.mass_factor, options.floor_m.unwrap_or(0.0));
-    let is_factor = factor > 0.0 && factor.is_finite();
-    let substeps = options.substeps;
-    for (key, value, holds, range) in [
-        ("rate_hz", rate_hz.into(), rate_hz > 0, "at least 1"),
-        (
-            "plant.substeps",
-            substeps.into(),
-            substeps > 0,
-            "at least 1",
-        ),
-        ("plant.mass_factor", factor, is_factor, "positive"),
-        (
-            "plant.floor_m",
-            floor_m,
-            floor_m.is_finite(),
-            "a height in m",
-        ),
-    ] {
-        if !holds {
-            return Err(PlantError::Range { key, value, range });
-        }
-    }
-    Ok(())
 }

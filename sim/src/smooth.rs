@@ -71,6 +71,13 @@ impl<const N: usize> Smooth<N> {
         self.model.motion(&x.q, &x.qdot)
     }
 
+    /// How far joint i is beyond a limit (rad, negative inside), and the sign of the way back.
+    pub(crate) fn beyond(&self, x: &State<N>, i: usize) -> (f64, f64) {
+        let (lower, upper) = (self.model.lower(), self.model.upper());
+        let (low, high) = (lower[i] - x.q[i], x.q[i] - upper[i]);
+        if low > high { (low, 1.0) } else { (high, -1.0) }
+    }
+
     fn qddot(
         &self,
         q: &SVector<f64, N>,

@@ -62,19 +62,18 @@ pub(crate) fn solids(robot: &Robot) -> Vec<Solid> {
 }
 
 fn described(shape: &model::Shape) -> Option<Solid> {
+    let mut X_LS = shape.X_LS;
     let (solid, radius) = match shape.geometry {
         Geometry::Box { size } => {
             let half = size / 2.0;
             (SharedShape::cuboid(half.x, half.y, half.z), half.norm())
         }
-        // rapier's cylinder lies along y.
         Geometry::Cylinder { radius, length } => {
+            // rapier's cylinder lies along y.
+            X_LS = X_LS * y_to_z();
             let half = length / 2.0;
-            let reach = libm::hypot(half, radius);
-            let X_LS = shape.X_LS * y_to_z();
             let cylinder = SharedShape::cylinder(half, radius);
-            let reach = X_LS.p.norm() + reach;
-            return Some(Solid::on(shape.joint, X_LS, cylinder, reach));
+            (cylinder, libm::hypot(half, radius))
         }
         Geometry::Sphere { radius } => (SharedShape::ball(radius), radius),
         Geometry::Capsule { radius, length } => {
@@ -84,8 +83,8 @@ fn described(shape: &model::Shape) -> Option<Solid> {
         }
         Geometry::Mesh { .. } => return None,
     };
-    let reach = shape.X_LS.p.norm() + radius;
-    Some(Solid::on(shape.joint, shape.X_LS, solid, reach))
+    let reach = X_LS.p.norm() + radius;
+    Some(Solid::on(shape.joint, X_LS, solid, reach))
 }
 
 /// A rotation that takes y to z.
@@ -131,8 +130,7 @@ pub(crate) fn vector(v: &Vector3<f64>) -> math::Vector {
 }
 
 pub(crate) fn matrix(A: &Matrix3<f64>) -> math::Matrix {
-    let column = |j: usize| vector(&A.column(j).into());
-    math::Matrix::from_cols(column(0), column(1), column(2))
+    math::Matrix::from_cols_slice(A.as_slice())
 }
 
 pub(crate) fn to_rapier(X: &Pose) -> math::Pose {

@@ -3,6 +3,7 @@
 use crate::hybrid::STOP_DEPTH;
 use crate::smooth::{Smooth, State};
 use crate::surface::Surfaces;
+use crate::world::World;
 use crate::{Plant, PlantError};
 use model::{JointKind, Model, Robot};
 use nalgebra::{SVector, Vector3};
@@ -36,19 +37,8 @@ fn nominal() -> Joints {
     *NOMINAL
 }
 
-/// A world without a floor.
-fn options(model: PlantModel) -> Options {
-    let floor_m = None;
-    Options {
-        model,
-        floor_m,
-        ..Options::default()
-    }
-}
-
-/// rapier's world with a floor at `z`, with or without friction.
-fn world(z: f64, friction: bool) -> Options {
-    let floor_m = Some(z);
+/// rapier's world, with or without a floor at a height, and friction.
+fn world(floor_m: Option<f64>, friction: bool) -> Options {
     Options {
         floor_m,
         friction,
@@ -56,11 +46,11 @@ fn world(z: f64, friction: bool) -> Options {
     }
 }
 
-/// rapier's world with friction and without a floor.
-fn rough() -> Options {
+/// A free arm under Runge–Kutta alone.
+fn reference() -> Options {
     Options {
-        floor_m: None,
-        ..world(0.0, true)
+        model: PlantModel::Reference,
+        ..world(None, false)
     }
 }
 
@@ -84,7 +74,7 @@ fn waving(arm: &Model<6>, tick: u32) -> Joints {
 fn free_motion_is_that_of_a_far_finer_integration() {
     let robot = free_puma();
     let arm = Model::<6>::new(&robot, None).unwrap();
-    let mut hybrid = plant(&robot, &options(PlantModel::Rapier), &nominal());
+    let mut hybrid = plant(&robot, &world(None, false), &nominal());
     let smooth = Smooth {
         model: arm.clone(),
         viscous: Joints::zeros(),
@@ -108,7 +98,7 @@ fn viscous_friction_takes_out_what_it_should() {
         .joints
         .iter_mut()
         .for_each(|joint| joint.coulomb_friction = 0.0);
-    let mut arm = plant(&robot, &rough(), &nominal());
+    let mut arm = plant(&robot, &world(None, true), &nominal());
     let smooth = Smooth {
         model: Model::new(&robot, None).unwrap(),
         viscous: *arm.model().viscous_friction(),
@@ -135,7 +125,7 @@ fn agrees_with_always_asking(
     tau: impl Fn(&Plant<6>, u32) -> Joints,
 ) -> (bool, bool) {
     let [mut sparing, mut always] = [0, 1].map(|_| plant(robot, options, &nominal()));
-    always.always_ask();
+    always.hybrid.as_mut().unwrap().always = true;
     let (mut touched, mut apart) = (false, false);
     for tick in 0..ticks {
         let tau = tau(&sparing, tick);
@@ -152,7 +142,7 @@ fn agrees_with_always_asking(
 
 #[test]
 fn where_rapier_is_not_asked_it_would_have_had_nothing_to_say() {
-    let low = world(-0.9, false);
+    let low = world(Some(-0.9), false);
     let free = |plant: &Plant<6>, tick| waving(plant.model(), tick);
     assert!(!agrees_with_always_asking(&free_puma(), &low, 600, free).0);
     // Into the floor and the stops, and out again, several times.
@@ -161,7 +151,7 @@ fn where_rapier_is_not_asked_it_would_have_had_nothing_to_say() {
         let lift = plant.model().bias(&x.q, &x.qdot) + (nominal() - x.q) * 60.0 - x.qdot * 20.0;
         if tick % 1200 < 600 { -x.qdot } else { lift }
     };
-    let bounced = agrees_with_always_asking(&puma(), &world(-0.3, false), 2400, bouncing);
+    let bounced = agrees_with_always_asking(&puma(), &world(Some(-0.3), false), 2400, bouncing);
     assert_eq!(bounced, (true, true));
 }
 
@@ -182,7 +172,7 @@ fn rod() -> Robot {
 #[test]
 fn a_resting_arm_presses_on_the_floor_with_the_weight_it_must() {
     let (height, zero) = (-0.3, SVector::<f64, 1>::zeros());
-    let mut arm = Plant::new(&rod(), None, &world(height, false), RATE, &zero).unwrap();
+    let mut arm = Plant::new(&rod(), None, &world(Some(height), false), RATE, &zero).unwrap();
     let tip = |arm: &Plant<1>| libm::sin(arm.state().q[0]) - 0.05 - height;
     let mut deepest: f64 = 0.0;
     for _ in 0..3 * RATE {
@@ -205,7 +195,7 @@ fn a_resting_arm_presses_on_the_floor_with_the_weight_it_must() {
 #[test]
 fn a_pushed_arm_presses_back_with_the_push() {
     let (floor, press) = (-0.3, 15.0);
-    let mut arm = plant(&puma(), &world(floor, false), &nominal());
+    let mut arm = plant(&puma(), &world(Some(floor), false), &nominal());
     let mut extra = Joints::zeros();
     for _ in 0..4 * RATE {
         let x = *arm.state();
@@ -231,7 +221,7 @@ fn a_pushed_arm_presses_back_with_the_push() {
 
 #[test]
 fn a_joint_driven_into_its_stop_stays_there() {
-    let mut arm = plant(&puma(), &options(PlantModel::Rapier), &nominal());
+    let mut arm = plant(&puma(), &world(None, false), &nominal());
     let upper = puma().joints[0].upper;
     let (mut beyond, mut fastest): (f64, f64) = (0.0, 0.0);
     for tick in 0..4 * RATE {
@@ -263,8 +253,8 @@ fn a_joint_driven_into_its_stop_stays_there() {
 #[test]
 fn dry_friction_is_that_of_rapier() {
     let [mut own, mut rapiers] =
-        [0, 1].map(|_| plant(&free_puma(), &world(-0.9, true), &nominal()));
-    rapiers.always_ask();
+        [0, 1].map(|_| plant(&free_puma(), &world(Some(-0.9), true), &nominal()));
+    rapiers.hybrid.as_mut().unwrap().always = true;
     for tick in 0..500 {
         let tau = waving(own.model(), tick);
         own.step(&tau).unwrap();
@@ -284,7 +274,7 @@ fn other_rates_and_sub_steps_work() {
     let fall = |rate: u32, substeps: u32| {
         let options = Options {
             substeps,
-            ..options(PlantModel::Rapier)
+            ..world(None, false)
         };
         let mut arm = Plant::<6>::new(&robot, None, &options, rate, &nominal()).unwrap();
         (0..rate / 2).for_each(|_| arm.step(&Joints::zeros()).unwrap());
@@ -310,7 +300,7 @@ fn an_arm_with_massless_links_can_be_simulated() {
     let mut robot = puma();
     let floor = Options {
         self_collision: true,
-        ..world(-0.3, false)
+        ..world(Some(-0.3), false)
     };
     for _ in 0..2 {
         let mut arm = plant(&robot, &floor, &nominal());
@@ -327,8 +317,8 @@ fn an_arm_with_massless_links_can_be_simulated() {
 fn motion_diverges_before_its_energy_is_no_number() {
     let robot = Robot::builtin("planar3r").unwrap();
     let bent = SVector::<f64, 3>::from_column_slice(&robot.postures["bent"]);
-    for model in [PlantModel::Rapier, PlantModel::Reference] {
-        let mut arm = Plant::<3>::new(&robot, None, &options(model), RATE, &bent).unwrap();
+    for options in [world(None, false), reference()] {
+        let mut arm = Plant::<3>::new(&robot, None, &options, RATE, &bent).unwrap();
         // An arm without limits, pushed ever harder.
         let diverged = (0..400).find(|k| {
             let (before, push) = (*arm.state(), 10_f64.powi(*k));
@@ -347,17 +337,9 @@ fn rapier_has_the_same_arm() {
     let robot = puma();
     let arm = Model::<6>::new(&robot, None).unwrap();
     let tau = Joints::new(10.0, -20.0, 5.0, 1.0, 2.0, -3.0);
-    let h = 0.25e-3;
-    let mut world = crate::world::World::new(
-        &robot,
-        &nominal(),
-        &arm.link_poses(&nominal()),
-        None,
-        false,
-        false,
-        h,
-    )
-    .unwrap();
+    let (options, h) = (world(None, false), 0.25e-3);
+    let X_BL = arm.link_poses(&nominal());
+    let mut world = World::new(&robot, &nominal(), &X_BL, &options, 1e-3).unwrap();
     for k in 0..20 {
         let q = nominal() + Joints::from_fn(|i, _| libm::sin((k * 6 + i) as f64) * 0.5);
         let response = world.step(&State::at_rest(q), &tau, h);
@@ -369,16 +351,10 @@ fn rapier_has_the_same_arm() {
 
 #[test]
 fn an_arm_that_cannot_be_simulated_is_refused_with_a_reason() {
-    let (rapier, reference) = (options(PlantModel::Rapier), options(PlantModel::Reference));
-    let friction = true;
+    let rapier = world(None, false);
     let dry = Options {
-        friction,
-        ..reference
-    };
-    let with = |mass_factor: f64, substeps: u32| Options {
-        mass_factor,
-        substeps,
-        ..rapier.clone()
+        friction: true,
+        ..reference()
     };
     let over = Surface {
         point_m: [0.0, 0.0, 3.0],
@@ -405,13 +381,9 @@ fn an_arm_that_cannot_be_simulated_is_refused_with_a_reason() {
         )+};
     }
     assert_refused! {
-        puma(), world(0.2, false), nominal() => PlantError::StartInFloor { .. },
+        puma(), world(Some(0.2), false), nominal() => PlantError::StartInFloor { .. },
         puma(), under, nominal() => PlantError::StartInSurface { surface: 0, .. },
         puma(), dry, nominal() => PlantError::DryFriction { .. },
-        puma(), with(0.0, 4), nominal() => PlantError::Range { key: "plant.mass_factor", .. },
-        puma(), with(-1.0, 4), nominal() => PlantError::Range { key: "plant.mass_factor", .. },
-        puma(), with(f64::NAN, 4), nominal() => PlantError::Range { key: "plant.mass_factor", .. },
-        puma(), with(1.0, 0), nominal() => PlantError::Range { key: "plant.substeps", .. },
         puma(), rapier, beyond => PlantError::Start(_),
         negative, rapier, nominal() => PlantError::NotRealisable { .. },
         weightless, rapier, nominal() => PlantError::SingularMass { .. },
@@ -422,15 +394,11 @@ fn an_arm_that_cannot_be_simulated_is_refused_with_a_reason() {
 #[test]
 fn the_mass_factor_makes_the_arm_heavier() {
     let with = |mass_factor: f64| {
-        let rapier = options(PlantModel::Rapier);
-        plant(
-            &puma(),
-            &Options {
-                mass_factor,
-                ..rapier
-            },
-            &nominal(),
-        )
+        let options = Options {
+            mass_factor,
+            ..world(None, false)
+        };
+        plant(&puma(), &options, &nominal())
     };
     let [plain, heavy] = [1.0, 1.1].map(|factor| *with(factor).model().armature());
     assert_eq!(plain, heavy);

@@ -21,6 +21,7 @@ use rapier3d::geometry::{
 };
 use rapier3d::math;
 use rapier3d::pipeline::PhysicsWorld;
+use shared_types::scenario::Plant as Options;
 
 /// Coulomb friction coefficient of arm against floor and arm against arm.
 const CONTACT_FRICTION: f64 = 0.5;
@@ -125,27 +126,25 @@ fn parameters() -> IntegrationParameters {
 }
 
 impl World {
-    /// The arm at `q`, its floor and what may touch what, with sub-steps of `h` s.
+    /// The arm at `q`, its floor and what may touch what.
     ///
     /// # Errors
-    /// [`PlantError`] for an arm without joints or in the floor, or a link whose inertia is none.
+    /// [`PlantError`] for an arm in the floor, or a link whose inertia is none.
     pub(crate) fn new<const N: usize>(
         robot: &Robot,
         q: &SVector<f64, N>,
         X_BL: &[Pose; N],
-        floor_m: Option<f64>,
-        self_collision: bool,
-        dry_friction: bool,
-        h: f64,
+        options: &Options,
+        tick_s: f64,
     ) -> Result<Self, PlantError> {
         let mut solids = solids(robot);
-        solids.extend(floor_m.map(floor));
+        solids.extend(options.floor_m.map(floor));
         let mut physics = PhysicsWorld {
             gravity: vector(&robot.gravity),
             integration_parameters: parameters(),
             ..PhysicsWorld::default()
         };
-        let pairs = touching(robot, &solids, X_BL, self_collision)?;
+        let pairs = touching(robot, &solids, X_BL, options.self_collision)?;
         let base = physics.bodies.insert(RigidBodyBuilder::fixed());
         let (mut joints, mut arm) = (Vec::new(), None);
         for joint in &robot.joints {
@@ -163,15 +162,14 @@ impl World {
                 upper: joint.upper,
             });
         }
-        let arm = arm.ok_or(PlantError::NoJoints)?;
-        let multibody = physics.multibody_joints.get_mut(arm);
-        let (multibody, _) = multibody.ok_or(PlantError::NoJoints)?;
+        let arm = arm.expect("a model has joints, and each a link of its own");
+        let (multibody, _) = (physics.multibody_joints.get_mut(arm)).expect("it was inserted");
         multibody.forward_kinematics(&physics.bodies, true);
         multibody.damping_mut().fill(0.0);
         for (i, joint) in robot.joints.iter().enumerate() {
             multibody.armature_mut()[i] = joint.armature;
             let dry = joint.coulomb_friction;
-            multibody.frictions_mut()[i] = if dry_friction { dry } else { 0.0 };
+            multibody.frictions_mut()[i] = if options.friction { dry } else { 0.0 };
         }
         let mut world = Self {
             physics,
@@ -184,6 +182,7 @@ impl World {
         };
         world.collide(base);
         // Pairs with the floor are found once and for all, in one order, whatever is stepped later.
+        let h = tick_s / f64::from(options.substeps);
         world.step(&State::at_rest(*q), &SVector::zeros(), h);
         std::mem::swap(&mut world.physics, &mut world.fresh);
         world.forget();
@@ -374,8 +373,7 @@ impl World {
                 }
             }
         }
-        let [x, y, z] = impulse.to_array();
-        (carrying, candidates, Vector3::new(x, y, z))
+        (carrying, candidates, impulse.to_array().into())
     }
 }
 

@@ -11,8 +11,8 @@ use shared_types::{
     TargetContent, TorqueCommand, codes,
 };
 
-use crate::steps::{Memory, Steps, steps};
-use crate::{Arm, is_finite};
+use crate::steps::{Steps, steps};
+use crate::{Arm, is_finite, scenario};
 
 /// Age from which a target no longer counts, where those after it are refused; s.
 const VALID_S: f64 = 0.1;
@@ -24,8 +24,6 @@ const ROUNDED: f64 = 1e-6;
 pub struct Task {
     robot: Arc<Robot>,
     steps: Box<dyn Steps>,
-    /// The memory of the steps before their first tick.
-    fresh: Memory,
     /// The posture in which a row begins; `None`: that of its first tick.
     q: Option<Vec<f64>>,
 }
@@ -122,16 +120,14 @@ impl Task {
         }
         arm.robot.complete().map_err(Refused::because)?;
         settings.push(format!("rate_hz={rate}"));
-        let (robot, scenario) = (Arc::clone(&arm.robot), arm.scenario(&settings)?);
-        let steps = steps(&robot, &scenario)?;
-        let fresh = steps.save();
+        let robot = Arc::clone(&arm.robot);
+        let steps = steps(&robot, &scenario(&robot, &arm.tip, &settings)?)?;
         if let Some(q) = q {
             robot.check_posture(q).map_err(Refused::because)?;
         }
         Ok(Self {
             robot,
             steps,
-            fresh,
             q: q.map(<[f64]>::to_vec),
         })
     }
@@ -164,8 +160,8 @@ impl Row {
     }
 
     /// The same again.
-    pub fn reset(&mut self, task: &Task) {
-        self.steps.restore(&task.fresh);
+    pub fn reset(&mut self) {
+        self.steps.reset();
         (self.start, self.tick) = (Start::Awaited, 0);
         (self.estimate, self.report) = Default::default();
         (self.control, self.servo, self.torque) = Default::default();

@@ -157,13 +157,9 @@ impl Arm {
     pub fn analysis(&self) -> Analysis {
         self.analysis.clone()
     }
-
-    /// A steered scenario on this arm, with `settings` applied, that starts in the middle of the joints' ranges.
-    fn scenario(&self, settings: &[String]) -> Result<Scenario, Refused> {
-        scenario(&self.robot, &self.tip, settings)
-    }
 }
 
+/// A steered scenario on an arm, with `settings` applied, that starts in the middle of the joints' ranges.
 fn scenario(robot: &Robot, tip: &str, settings: &[String]) -> Result<Scenario, Refused> {
     let mut scenario = Scenario::parse("settings", SESSION, settings).map_err(Refused::because)?;
     tip.clone_into(&mut scenario.frame);

@@ -1,13 +1,11 @@
 //! The steps of the processes `analyzer` and `controller`, for an arm of any number of joints.
 
-use analyzer::Analysis;
+use std::sync::Arc;
+
 use controller::{Commanded, Law, Read};
 use model::{LastTerms, Refused, Robot, embedded};
 use shared_types::scenario::Scenario;
 use shared_types::{AnalyzerCheckpoint, ControllerCheckpoint, SingularityReport, StateEstimate};
-
-/// The memory of the steps from tick to tick.
-pub(crate) type Memory = (AnalyzerCheckpoint, ControllerCheckpoint);
 
 /// The steps with what they remember.
 pub(crate) trait Steps: Send + Sync {
@@ -19,17 +17,17 @@ pub(crate) trait Steps: Send + Sync {
     fn begin(&mut self, q_start: &[f64]);
     /// The same, with what they remember.
     fn copied(&self) -> Box<dyn Steps>;
-    fn save(&self) -> Memory;
-    fn restore(&mut self, from: &Memory);
+    /// Forgets what they remember. No allocation.
+    fn reset(&mut self);
 }
 
 #[derive(Clone)]
 struct Of<const N: usize> {
-    analyzer: analyzer::Cycle<N>,
-    analysis: Analysis<N>,
+    look: LookOf<N>,
     controller: controller::Cycle<N>,
     law: Law<N>,
-    last: LastTerms<N>,
+    /// The law's memory before the first tick.
+    fresh: Arc<ControllerCheckpoint>,
 }
 
 /// Those of a robot before their first tick.
@@ -39,29 +37,27 @@ pub(crate) fn steps(robot: &Robot, scenario: &Scenario) -> Result<Box<dyn Steps>
 
 impl<const N: usize> Of<N> {
     fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, Refused> {
-        let (analyzer, analysis) =
-            analyzer::Cycle::new(robot, scenario).map_err(Refused::because)?;
+        let look = LookOf::new(robot, scenario)?;
         let (controller, law) =
             controller::Cycle::new(robot, scenario).map_err(Refused::because)?;
+        let mut fresh = ControllerCheckpoint::default();
+        law.0.save(&mut fresh);
         Ok(Self {
-            last: LastTerms::of(analyzer.model()),
-            analyzer,
-            analysis,
+            look,
             controller,
             law,
+            fresh: Arc::new(fresh),
         })
     }
 }
 
 impl<const N: usize> Steps for Of<N> {
     fn analyse(&mut self, estimate: &StateEstimate, report: &mut SingularityReport) {
-        let last = &mut self.last;
-        self.analyzer
-            .analyse(&mut self.analysis, estimate, report, last);
+        self.look.analyse(estimate, report);
     }
 
     fn control(&mut self, read: &Read<'_>, out: &mut Commanded<'_>) {
-        let last = &mut self.last;
+        let last = &mut self.look.last;
         self.controller.control(&mut self.law, read, out, last);
     }
 
@@ -73,16 +69,9 @@ impl<const N: usize> Steps for Of<N> {
         Box::new(self.clone())
     }
 
-    fn save(&self) -> Memory {
-        let mut memory = Memory::default();
-        self.analysis.0.save(&mut memory.0);
-        self.law.0.save(&mut memory.1);
-        memory
-    }
-
-    fn restore(&mut self, from: &Memory) {
-        self.analysis.0.restore(&from.0);
-        self.law.0.restore(&from.1);
+    fn reset(&mut self) {
+        self.look.reset();
+        self.law.0.restore(&self.fresh);
     }
 }
 
@@ -99,9 +88,9 @@ pub(crate) trait Look: Send + Sync {
 #[derive(Clone)]
 struct LookOf<const N: usize> {
     analyzer: analyzer::Cycle<N>,
-    analysis: Analysis<N>,
-    /// Before the first tick.
-    fresh: AnalyzerCheckpoint,
+    analysis: analyzer::Analysis<N>,
+    /// The analysis before the first tick.
+    fresh: Arc<AnalyzerCheckpoint>,
     last: LastTerms<N>,
 }
 
@@ -120,17 +109,25 @@ impl<const N: usize> LookOf<N> {
             last: LastTerms::of(analyzer.model()),
             analyzer,
             analysis,
-            fresh,
+            fresh: Arc::new(fresh),
         })
+    }
+
+    fn analyse(&mut self, estimate: &StateEstimate, report: &mut SingularityReport) {
+        let last = &mut self.last;
+        self.analyzer
+            .analyse(&mut self.analysis, estimate, report, last);
+    }
+
+    fn reset(&mut self) {
+        self.analysis.0.restore(&self.fresh);
     }
 }
 
 impl<const N: usize> Look for LookOf<N> {
     fn report(&mut self, estimate: &StateEstimate, report: &mut SingularityReport) {
-        self.analysis.0.restore(&self.fresh);
-        let last = &mut self.last;
-        self.analyzer
-            .analyse(&mut self.analysis, estimate, report, last);
+        self.reset();
+        self.analyse(estimate, report);
     }
 
     fn leave_far_unnamed(&mut self) {

@@ -564,7 +564,7 @@ pub unsafe extern "C" fn armplane_law_reset(law: *mut armplane_law) -> armplane_
     guarded(|| {
         // SAFETY: the caller's.
         let law = unsafe { law.as_mut() }.ok_or(ARMPLANE_ERROR_NULL)?;
-        law.row.reset(&law.task);
+        law.row.reset();
         Ok(ARMPLANE_OK)
     })
 }

@@ -9,12 +9,12 @@ use model::{Refused, Robot};
 use process::{Running, Step};
 use shared_types::scenario::Scenario;
 
-pub use cycle::{Cycle, Known};
+use cycle::{Cycle, State};
 
 /// The process for an arm of as many joints as `robot` has.
 ///
 /// # Errors
 /// [`Refused`] if robot and scenario do not fit, or the arm has more joints than the program is built for.
 pub fn process(robot: &Robot, scenario: &Scenario) -> Result<Box<dyn Step>, Refused> {
-    model::boxed!(robot, N => Cycle::<N>::new(robot, scenario).map(|cycle| Running::from((cycle, Known::default()))), dyn Step)
+    model::boxed!(robot, N => Cycle::<N>::new(robot, scenario).map(|cycle| Running::from((cycle, State::unknown()))), dyn Step)
 }

@@ -12,28 +12,22 @@ const STAGES: usize = 1 + POSTURES * VELOCITIES;
 
 /// When each posture is taken, over h.
 const TIME: [f64; POSTURES] = [0.1532833606974714, 0.6442099810974817, 1.0];
-/// Weights of the accelerations in each posture and in the last row in the result, over h².
-const POSITION: [[f64; STAGES]; POSTURES + 1] = [
-    [0.011747894333355558, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-    [
+/// Weights of the accelerations so far in each posture and in the last row in the result, over h².
+const POSITION: [&[f64]; POSTURES + 1] = [
+    &[0.011747894333355558],
+    &[
         -0.09003605075680987,
         -0.10750807959905966,
         0.4050473802286784,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
     ],
-    [
+    &[
         0.3659804902237086,
         0.08144203738071257,
         -0.2393555338094394,
         -0.1642352953803759,
         0.456168301585395,
-        0.0,
-        0.0,
     ],
-    [
+    &[
         -0.002115394694883465,
         0.055276783399148786,
         0.2641214234667087,
@@ -44,54 +38,32 @@ const POSITION: [[f64; STAGES]; POSTURES + 1] = [
     ],
 ];
 /// Their weights in the velocity of each stage, and in the last row in the result, over h.
-const VELOCITY: [[f64; STAGES]; STAGES] = [
-    [0.1532833606974714, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-    [
-        0.060601688180066476,
-        0.09268167251740492,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-    ],
-    [
-        -0.7980783331115917,
-        0.5184220889357056,
-        0.9238662252733677,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-    ],
-    [
+const VELOCITY: [&[f64]; STAGES] = [
+    &[0.1532833606974714],
+    &[0.060601688180066476, 0.09268167251740492],
+    &[-0.7980783331115917, 0.5184220889357056, 0.9238662252733677],
+    &[
         0.5665178618766498,
         -0.2160427010616005,
         -0.07501622948072538,
         0.36875104976315787,
-        0.0,
-        0.0,
-        0.0,
     ],
-    [
+    &[
         1.0723430360790442,
         -0.18064337213464343,
         0.9143726833980058,
         -0.13309561379327178,
         -0.6729767335491338,
-        0.0,
-        0.0,
     ],
-    [
+    &[
         0.3668479369940846,
         -0.519661826476447,
         0.3342909171746247,
         0.028641166032066432,
         0.7898818062756721,
         0.0,
-        0.0,
     ],
-    [
+    &[
         -0.0021153946948832755,
         0.06528368622197238,
         0.31193602582828006,
@@ -105,45 +77,36 @@ const VELOCITY: [[f64; STAGES]; STAGES] = [
 /// Position and velocity; rad, rad/s.
 type Motion<const N: usize> = [SVector<f64, N>; 2];
 
-/// Σ wᵢ·aᵢ over the first `known` accelerations.
+/// Σ wᵢ·aᵢ over the accelerations that have weights.
 #[inline(always)]
-fn weighted<R: Row<N>, const N: usize>(
-    weights: &[f64; STAGES],
-    accelerations: &[R; STAGES],
-    known: usize,
-) -> R {
+fn weighted<R: Row<N>, const N: usize>(weights: &[f64], accelerations: &[R; STAGES]) -> R {
     let mut sum = accelerations[0] * R::splat(weights[0]);
-    for k in 1..known {
+    for k in 1..weights.len() {
         sum = sum + accelerations[k] * R::splat(weights[k]);
     }
     sum
 }
 
 impl<const N: usize> Model<N> {
-    /// The state `h` s after `[q, q̇]`, whose acceleration is `qddot`, under the joint torques `tau` − `viscous`∘q̇, `tau` constant: one step of order 5.
-    ///
-    /// q̈ = A(q)⁻¹(τ − C(q, q̇)·q̇ − g(q)), of which most work depends on q alone. So the step is one of Nyström's methods for y″ = f(y, y′) whose six stages
-    /// share three postures [Hairer, Nørsett & Wanner, *Solving Ordinary Differential Equations I*, §II.14]. Its weights solve the equations of order
-    /// of the special trees there up to order 5, of velocity and position, within 1e-16; they were found by Gauss–Newton iteration from random ones.
-    ///
-    /// Local error O(h⁶). Cost that of about four forward dynamics, no allocation.
-    pub fn advance(
-        &self,
-        state: &Motion<N>,
-        qddot: &SVector<f64, N>,
-        tau: &SVector<f64, N>,
-        viscous: &SVector<f64, N>,
-        h: f64,
-    ) -> Motion<N> {
-        let arm = self;
-        widest!(advance_anywhere(
-            arm: &Model<N>,
+    widest! {
+        /// The state `h` s after `[q, q̇]`, whose acceleration is `qddot`, under the joint torques `tau` − `viscous`∘q̇, `tau` constant: one step of order 5.
+        ///
+        /// q̈ = A(q)⁻¹(τ − C(q, q̇)·q̇ − g(q)), of which most work depends on q alone. So the step is one of Nyström's methods for y″ = f(y, y′) whose six
+        /// stages share three postures [Hairer, Nørsett & Wanner, *Solving Ordinary Differential Equations I*, §II.14]. Its weights solve the equations of
+        /// order of the special trees there up to order 5, of velocity and position, within 1e-16; they were found by Gauss–Newton iteration from random
+        /// ones.
+        ///
+        /// Local error O(h⁶). Cost that of about four forward dynamics, no allocation.
+        pub fn advance(
+            &self,
             state: &Motion<N>,
             qddot: &SVector<f64, N>,
             tau: &SVector<f64, N>,
             viscous: &SVector<f64, N>,
             h: f64
-        ) -> Motion<N>)
+        ) -> Motion<N> {
+            advance_anywhere
+        }
     }
 
     #[inline(always)]
@@ -160,18 +123,19 @@ impl<const N: usize> Model<N> {
         let mut accelerations = [R::splat(0.0); STAGES];
         accelerations[0] = R::of(qddot);
         let mut known = 1;
-        for (time, weights) in TIME.iter().zip(&POSITION) {
-            let posed = self.posed(
-                q + qdot * R::splat(time * h) + weighted(weights, &accelerations, known) * h2,
-            );
+        for (time, weights) in TIME.iter().zip(POSITION) {
+            let posed =
+                self.posed(q + qdot * R::splat(time * h) + weighted(weights, &accelerations) * h2);
+            let A = self.factored(&posed);
             for _ in 0..VELOCITIES {
-                let qdot = qdot + weighted(&VELOCITY[known - 1], &accelerations, known) * h1;
-                accelerations[known] = R::of(&self.qddot_in(&posed, qdot, tau - viscous * qdot));
+                let qdot = qdot + weighted(VELOCITY[known - 1], &accelerations) * h1;
+                let tau = tau - viscous * qdot;
+                accelerations[known] = R::of(&self.qddot_in(&posed, &A, qdot, tau));
                 known += 1;
             }
         }
-        let next = q + qdot * h1 + weighted(&POSITION[POSTURES], &accelerations, STAGES) * h2;
-        let qdot = qdot + weighted(&VELOCITY[STAGES - 1], &accelerations, STAGES) * h1;
+        let next = q + qdot * h1 + weighted(POSITION[POSTURES], &accelerations) * h2;
+        let qdot = qdot + weighted(VELOCITY[STAGES - 1], &accelerations) * h1;
         [next.store().first(), qdot.store().first()]
     }
 }

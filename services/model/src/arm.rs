@@ -70,14 +70,24 @@ impl<const N: usize> Model<N> {
                 actual: robot.dof(),
             });
         }
+        let frame = frame.unwrap_or(&robot.default_frame);
+        let found = robot.frame(frame).ok_or_else(|| ModelError::UnknownFrame {
+            robot: robot.name.clone(),
+            frame: frame.to_owned(),
+            known: robot.frame_names(),
+        })?;
+        let bodies = Bodies::new(robot);
         let column = |f: fn(&Joint) -> f64, absent: f64| {
             SVector::from_fn(|i, _| robot.joints.get(i).map_or(absent, f))
         };
         const NONE: f64 = f64::INFINITY;
-        let base = Self {
-            bodies: Bodies::new(robot),
-            ee_body: None,
-            X_LE: Pose::identity(),
+        Ok(Self {
+            ee_body: found.joint,
+            X_LE: match found.joint {
+                Some(i) => Pose::rotation(bodies.R_urdf[i]) * found.X_LF,
+                None => found.X_LF,
+            },
+            bodies,
             gravity: robot.gravity,
             armature: column(|j| j.armature, 1.0),
             viscous_friction: column(|j| j.viscous_friction, 0.0),
@@ -87,25 +97,7 @@ impl<const N: usize> Model<N> {
             effort: column(|j| j.effort, NONE),
             velocity: column(|j| j.velocity, NONE),
             torque_rate: column(|j| j.torque_rate, NONE),
-        };
-        base.with_frame(robot, frame.unwrap_or(&robot.default_frame))
-    }
-
-    /// The same arm with its end-effector frame at `frame`.
-    ///
-    /// Requires `robot` to be the one this model was made of. Errors: [`ModelError::UnknownFrame`].
-    pub fn with_frame(mut self, robot: &Robot, frame: &str) -> Result<Self, ModelError> {
-        let found = robot.frame(frame).ok_or_else(|| ModelError::UnknownFrame {
-            robot: robot.name.clone(),
-            frame: frame.to_owned(),
-            known: robot.frame_names(),
-        })?;
-        self.ee_body = found.joint;
-        self.X_LE = match found.joint {
-            Some(i) => Pose::rotation(self.bodies.R_urdf[i]) * found.X_LF,
-            None => found.X_LF,
-        };
-        Ok(self)
+        })
     }
 
     /// The same arm with its end-effector frame moved by `X_ET`: a tool T fixed in the present frame E.

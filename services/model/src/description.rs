@@ -63,15 +63,15 @@ use std::path::PathBuf;
 pub(crate) struct Description {
     pub(crate) default_frame: Option<String>,
     base_frame: Option<String>,
-    gravity: Option<[f64; 3]>,
+    pub(crate) gravity: Option<[f64; 3]>,
     base_rpy_deg: [f64; 3],
     tool: Option<Tool>,
     payload: Option<Payload>,
-    length_m: Option<f64>,
-    encoder_bits: Option<u32>,
+    pub(crate) length_m: Option<f64>,
+    pub(crate) encoder_bits: Option<u32>,
     task: Option<Vec<TaskAxis>>,
     pub(crate) meshes: PathBuf,
-    factors: Factors,
+    pub(crate) factors: Factors,
     joints: BTreeMap<String, JointTable>,
     postures: BTreeMap<String, Posture>,
     /// Parts of a file of another format that are left out, a sentence each.
@@ -195,7 +195,6 @@ impl Description {
     }
 
     pub(crate) fn apply(self, robot: &mut Robot) -> Result<(), Defect> {
-        robot.gravity = self.gravity.map_or(robot.gravity, Into::into);
         if self.base_rpy_deg != [0.0; 3] {
             let rpy = self.base_rpy_deg.map(f64::to_radians);
             let X_WB = Pose::from_xyz_rpy([0.0; 3], rpy);
@@ -204,11 +203,8 @@ impl Description {
         self.tool.map_or(Ok(()), |tool| robot.take_tool(&tool))?;
         let load = |load: Payload| robot.take_payload(None, &load);
         self.payload.map_or(Ok(()), load)?;
-        robot.length_m = self.length_m.unwrap_or(robot.length_m);
-        robot.encoder_bits = self.encoder_bits.unwrap_or(robot.encoder_bits);
         let task = self.task.unwrap_or_else(|| robot.task.iter().collect());
         robot.task = task.iter().copied().collect();
-        robot.factors = self.factors;
         let lengths = match self.factors {
             Factors::Puma { a2, a3, d4 } => [a2, a3, d4],
             Factors::Numeric => [0.0; 3],
@@ -245,7 +241,7 @@ impl Description {
 fn check_values(robot: &Robot, task: &[TaskAxis], lengths: [f64; 3]) -> Result<(), Defect> {
     let are_finite = |values: &[f64]| values.iter().all(|x| x.is_finite());
     let (gravity, length_m, bits) = (robot.gravity, robot.length_m, robot.encoder_bits);
-    for (what, value, holds, remedy) in [
+    let values = [
         (
             "gravity",
             format!("{:?}", gravity.as_slice()),
@@ -276,15 +272,6 @@ fn check_values(robot: &Robot, task: &[TaskAxis], lengths: [f64; 3]) -> Result<(
             are_finite(&lengths),
             "give finite lengths in metres",
         ),
-    ] {
-        if !holds {
-            let what = what.to_owned();
-            return Err(Defect::Value {
-                what,
-                value,
-                remedy,
-            });
-        }
-    }
-    Ok(())
+    ];
+    Defect::check("", values)
 }

@@ -8,6 +8,7 @@ use crate::pose::Pose;
 use crate::spatial::{Forces, Motions, RigidInertias, Sym3};
 use crate::terms::Terms;
 use nalgebra::{SMatrix, SVector, Vector3, Vector6};
+use shared_types::PlantState;
 
 /// The end-effector's motion, the arm's energy, and what its acceleration follows from, in one state.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,6 +30,19 @@ impl<const N: usize> ArmMotion<N> {
     pub fn qddot(&self, tau: &SVector<f64, N>) -> SVector<f64, N> {
         Factored::of(self.A).solve(tau - self.bias)
     }
+
+    /// What a plant tells of it.
+    #[must_use]
+    pub fn truth(&self) -> PlantState {
+        let mut truth = PlantState {
+            p_BE: self.X_BE.p.into(),
+            V_BE: self.V_BE.into(),
+            energy_j: self.energy,
+            ..PlantState::default()
+        };
+        truth.R_BE.copy_from_slice(self.X_BE.R.as_slice());
+        truth
+    }
 }
 
 impl<const N: usize> Terms<N> {
@@ -38,21 +52,25 @@ impl<const N: usize> Terms<N> {
     }
 }
 
-/// The links in one state, base axes: joint axes, motion, inertias, and the forces that their motion takes.
-struct Links<R: Row<N>, const N: usize> {
-    frames: Frames<R, N>,
-    S: Motions<R>,
-    rates: Rates<R>,
-    I: RigidInertias<R>,
-    f: Forces<R>,
-}
-
-/// The arm in one posture: what its acceleration follows from at any velocity.
+/// The arm in one posture, base axes: what its motion follows from at any velocity.
 pub(crate) struct Posed<R: Row<N>, const N: usize> {
     frames: Frames<R, N>,
     S: Motions<R>,
     masses: Masses<R>,
-    A: Factored<N>,
+}
+
+impl<R: Row<N>, const N: usize> Posed<R, N> {
+    /// Of each link the inertia of the rigid body of it and all beyond it.
+    #[inline(always)]
+    fn composites(&self) -> RigidInertias<R> {
+        self.masses.about_base().inwards()
+    }
+
+    /// The joint torques that the links' motion takes [RBDA Ch. 5].
+    #[inline(always)]
+    fn torques(&self, rates: &Rates<R>) -> R {
+        self.S.dot(&rates.forces(&self.masses).inwards())
+    }
 }
 
 /// The links' angular velocities and accelerations, and velocities and accelerations of their origins.
@@ -114,15 +132,16 @@ impl<const N: usize> Model<N> {
     /// Newton–Euler recursion outwards, composite-rigid-body algorithm inwards [RBDA Ch. 5, 6], in base axes.
     /// Requires finite arguments. Cost O(N²), no allocation.
     pub fn evaluate(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>) -> Terms<N> {
-        let mut t = Terms::ZERO;
+        let mut t = Terms::zero();
         self.evaluate_into(q, qdot, &mut t);
         t
     }
 
-    /// [`evaluate`](Self::evaluate) into place: `t` is overwritten whole.
-    pub fn evaluate_into(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, t: &mut Terms<N>) {
-        let arm = self;
-        widest!(evaluate_anywhere(arm: &Model<N>, q: &SVector<f64, N>, qdot: &SVector<f64, N>, t: &mut Terms<N>) -> ())
+    widest! {
+        /// [`evaluate`](Self::evaluate) into place: `t` is overwritten whole.
+        pub fn evaluate_into(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, t: &mut Terms<N>) {
+            evaluate_anywhere
+        }
     }
 
     #[inline(always)]
@@ -132,21 +151,17 @@ impl<const N: usize> Model<N> {
         qdot: &SVector<f64, N>,
         t: &mut Terms<N>,
     ) {
-        let Links {
-            frames,
-            S,
-            rates,
-            I,
-            f,
-        } = self.links::<R>(q, qdot, None, &Vector3::zeros());
+        let posed = self.posed(R::of(q));
+        let rates = self.rates(&posed, R::of(qdot), None, &Vector3::zeros());
+        let Posed { frames, S, .. } = &posed;
         put(&mut t.z, frames.axes.z.store());
         put(&mut t.p, frames.p.store());
         put(&mut t.omega, rates.w.store());
         put(&mut t.alpha_bias, rates.alpha.store());
         put(&mut t.pdot, rates.v.store());
         put(&mut t.pddot_bias, rates.a.store());
-        t.X_BE = self.end(&frames);
-        t.J = self.jacobian_at(&S, &t.X_BE.p);
+        t.X_BE = self.end(frames);
+        t.J = self.jacobian_at(S, &t.X_BE.p);
         t.Jdot_qdot = self.ee_body.map_or_else(Vector6::zeros, |i| {
             let (w, alpha, r) = (t.omega[i], t.alpha_bias[i], t.X_BE.p - t.p[i]);
             stack(
@@ -154,45 +169,42 @@ impl<const N: usize> Model<N> {
                 &alpha,
             )
         });
-        let F = I.times(&S);
-        t.A = self.composite(&S, &F);
-        t.coriolis = S.dot(&f.inwards()).store().first();
-        t.gravity = F.f.dot(V3::splat(&-self.gravity)).store().first();
+        let F = posed.composites().times(S);
+        t.A = self.composite(S, &F);
+        t.coriolis = posed.torques(&rates).store().first();
+        t.gravity = self.weighed(&F);
     }
 
-    /// Outwards [RBDA Ch. 5]: each link's joint axis and motion, the force that its motion takes at the joint accelerations `qddot` (zero for `None`)
-    /// with the base accelerated by `a_B`, and the inertia of the rigid body of it and all beyond it.
+    /// The arm at `q`.
     #[inline(always)]
-    fn links<R: Row<N>>(
-        &self,
-        q: &SVector<f64, N>,
-        qdot: &SVector<f64, N>,
-        qddot: Option<&SVector<f64, N>>,
-        a_B: &Vector3<f64>,
-    ) -> Links<R, N> {
-        let frames = self.bodies.outwards::<R>(R::of(q));
-        let S = self.axes(&frames);
-        let rates = self.rates(&frames, &S, R::of(qdot), qddot, a_B);
-        let masses = self.masses(&frames);
-        Links {
-            I: masses.about_base().inwards(),
-            f: rates.forces(&masses),
+    pub(crate) fn posed<R: Row<N>>(&self, q: R) -> Posed<R, N> {
+        let frames = self.bodies.outwards::<R>(q);
+        let c_L = frames.axes.turn(V3::load(&self.bodies.com));
+        let (m, c) = (R::load(&self.bodies.mass), frames.p + c_L);
+        Posed {
+            S: self.axes(&frames),
+            masses: Masses {
+                m,
+                c_L,
+                c,
+                h: c * m,
+                about_c: self.bodies.inertia.rotated(&frames.axes),
+            },
             frames,
-            S,
-            rates,
         }
     }
 
-    /// The links' motion: what each joint adds to its parent's, summed from the base on.
+    /// The links' motion at the joint accelerations `qddot` (zero for `None`) with the base accelerated by `a_B`: what each joint adds to its parent's,
+    /// summed from the base on [RBDA Ch. 5].
     #[inline(always)]
     fn rates<R: Row<N>>(
         &self,
-        frames: &Frames<R, N>,
-        S: &Motions<R>,
+        posed: &Posed<R, N>,
         qdot: R,
         qddot: Option<&SVector<f64, N>>,
         a_B: &Vector3<f64>,
     ) -> Rates<R> {
+        let Posed { frames, S, .. } = posed;
         let (_, slides) = self.bodies.kinds::<R>();
         let slide = frames.axes.z * slides;
         let r = frames.p - frames.p.parents();
@@ -218,43 +230,22 @@ impl<const N: usize> Model<N> {
         }
     }
 
-    #[inline(always)]
-    fn masses<R: Row<N>>(&self, frames: &Frames<R, N>) -> Masses<R> {
-        let m = R::load(&self.bodies.mass);
-        let c_L = frames.axes.turn(V3::load(&self.bodies.com));
-        let c = frames.p + c_L;
-        Masses {
-            m,
-            c_L,
-            c,
-            h: c * m,
-            about_c: self.bodies.inertia.rotated(&frames.axes),
+    widest! {
+        /// Mass matrix A(q), armature included: composite-rigid-body algorithm [RBDA Ch. 6].
+        pub fn mass_matrix(&self, q: &SVector<f64, N>) -> SMatrix<f64, N, N> {
+            mass_matrix_anywhere
         }
     }
 
-    /// Mass matrix A(q), armature included: composite-rigid-body algorithm [RBDA Ch. 6].
-    pub fn mass_matrix(&self, q: &SVector<f64, N>) -> SMatrix<f64, N, N> {
-        let arm = self;
-        widest!(mass_matrix_anywhere(arm: &Model<N>, q: &SVector<f64, N>) -> SMatrix<f64, N, N>)
+    #[inline(always)]
+    fn mass_matrix_anywhere<R: Row<N>>(&self, q: &SVector<f64, N>) -> SMatrix<f64, N, N> {
+        self.mass_matrix_in(&self.posed(R::of(q)))
     }
 
+    /// A in a posture.
     #[inline(always)]
-    pub(crate) fn mass_matrix_anywhere<R: Row<N>>(
-        &self,
-        q: &SVector<f64, N>,
-    ) -> SMatrix<f64, N, N> {
-        let (S, I) = self.composites::<R>(q);
-        self.composite(&S, &I.times(&S))
-    }
-
-    /// The joint axes, and of each link the inertia of the rigid body of it and all beyond it.
-    #[inline(always)]
-    fn composites<R: Row<N>>(&self, q: &SVector<f64, N>) -> (Motions<R>, RigidInertias<R>) {
-        let frames = self.bodies.outwards::<R>(R::of(q));
-        (
-            self.axes(&frames),
-            self.masses(&frames).about_base().inwards(),
-        )
+    fn mass_matrix_in<R: Row<N>>(&self, posed: &Posed<R, N>) -> SMatrix<f64, N, N> {
+        self.composite(&posed.S, &posed.composites().times(&posed.S))
     }
 
     /// A(q) of links with the joint axes `S` and the momenta `F` at unit speed of each joint alone.
@@ -277,11 +268,12 @@ impl<const N: usize> Model<N> {
         A
     }
 
-    /// Pose and twist of the end-effector, mechanical energy, A and bias torques in one pass: those of [`forward_kinematics`](Self::forward_kinematics),
-    /// [`jacobian`](Self::jacobian), [`kinetic_energy`](Self::kinetic_energy) and [`potential_energy`](Self::potential_energy), to the last bit.
-    pub fn motion(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>) -> ArmMotion<N> {
-        let arm = self;
-        widest!(motion_anywhere(arm: &Model<N>, q: &SVector<f64, N>, qdot: &SVector<f64, N>) -> ArmMotion<N>)
+    widest! {
+        /// Pose and twist of the end-effector, mechanical energy, A and bias torques in one pass: those of [`forward_kinematics`](Self::forward_kinematics),
+        /// [`jacobian`](Self::jacobian), [`kinetic_energy`](Self::kinetic_energy) and [`potential_energy`](Self::potential_energy), to the last bit.
+        pub fn motion(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>) -> ArmMotion<N> {
+            motion_anywhere
+        }
     }
 
     #[inline(always)]
@@ -290,19 +282,17 @@ impl<const N: usize> Model<N> {
         q: &SVector<f64, N>,
         qdot: &SVector<f64, N>,
     ) -> ArmMotion<N> {
-        let Links {
-            frames, S, I, f, ..
-        } = self.links::<R>(q, qdot, None, &-self.gravity);
-        let A = self.composite(&S, &I.times(&S));
-        let bias = S.dot(&f.inwards()).store().first();
-        let energy = 0.5 * qdot.dot(&(A * qdot)) + self.potential(&I);
-        let X_BE = self.end(&frames);
+        let posed = self.posed(R::of(q));
+        let rates = self.rates(&posed, R::of(qdot), None, &-self.gravity);
+        let I = posed.composites();
+        let A = self.composite(&posed.S, &I.times(&posed.S));
+        let X_BE = self.end(&posed.frames);
         ArmMotion {
             X_BE,
-            V_BE: self.jacobian_at(&S, &X_BE.p) * qdot,
-            energy,
+            V_BE: self.jacobian_at(&posed.S, &X_BE.p) * qdot,
+            energy: 0.5 * qdot.dot(&(A * qdot)) + self.potential(&I),
             A,
-            bias,
+            bias: posed.torques(&rates).store().first(),
         }
     }
 
@@ -316,15 +306,16 @@ impl<const N: usize> Model<N> {
         self.torques(q, qdot, Some(qddot)) + self.armature.component_mul(qddot)
     }
 
-    /// The joint torques that bear the links' motion and weight, at zero joint accelerations for `None`.
-    fn torques(
-        &self,
-        q: &SVector<f64, N>,
-        qdot: &SVector<f64, N>,
-        qddot: Option<&SVector<f64, N>>,
-    ) -> SVector<f64, N> {
-        let arm = self;
-        widest!(torques_anywhere(arm: &Model<N>, q: &SVector<f64, N>, qdot: &SVector<f64, N>, qddot: Option<&SVector<f64, N>>) -> SVector<f64, N>)
+    widest! {
+        /// The joint torques that bear the links' motion and weight, at zero joint accelerations for `None`.
+        fn torques(
+            &self,
+            q: &SVector<f64, N>,
+            qdot: &SVector<f64, N>,
+            qddot: Option<&SVector<f64, N>>
+        ) -> SVector<f64, N> {
+            torques_anywhere
+        }
     }
 
     #[inline(always)]
@@ -334,21 +325,29 @@ impl<const N: usize> Model<N> {
         qdot: &SVector<f64, N>,
         qddot: Option<&SVector<f64, N>>,
     ) -> SVector<f64, N> {
+        let posed = self.posed(R::of(q));
         // Gravity as an upward acceleration of the base.
-        let Links { S, f, .. } = self.links::<R>(q, qdot, qddot, &-self.gravity);
-        S.dot(&f.inwards()).store().first()
+        let rates = self.rates(&posed, R::of(qdot), qddot, &-self.gravity);
+        posed.torques(&rates).store().first()
     }
 
-    /// Gravity torques g(q): the torques that hold the arm still, N·m (N for a sliding joint).
-    pub fn gravity(&self, q: &SVector<f64, N>) -> SVector<f64, N> {
-        let arm = self;
-        widest!(gravity_anywhere(arm: &Model<N>, q: &SVector<f64, N>) -> SVector<f64, N>)
+    widest! {
+        /// Gravity torques g(q): the torques that hold the arm still, N·m (N for a sliding joint).
+        pub fn gravity(&self, q: &SVector<f64, N>) -> SVector<f64, N> {
+            gravity_anywhere
+        }
     }
 
     #[inline(always)]
     fn gravity_anywhere<R: Row<N>>(&self, q: &SVector<f64, N>) -> SVector<f64, N> {
-        let (S, I) = self.composites::<R>(q);
-        I.times(&S).f.dot(V3::splat(&-self.gravity)).store().first()
+        let posed = self.posed(R::of(q));
+        self.weighed(&posed.composites().times(&posed.S))
+    }
+
+    /// The gravity torques of links with the momenta `F` at unit speed of each joint alone.
+    #[inline(always)]
+    fn weighed<R: Row<N>>(&self, F: &Forces<R>) -> SVector<f64, N> {
+        F.f.dot(V3::splat(&-self.gravity)).store().first()
     }
 
     /// Bias torques C(q, q̇)·q̇ + g(q).
@@ -356,17 +355,19 @@ impl<const N: usize> Model<N> {
         self.torques(q, qdot, None)
     }
 
-    /// Forward dynamics q̈ = A⁻¹(τ − C·q̇ − g), armature included: A by composite inertias, bias torques by Newton and Euler, A = L·D·Lᵀ [RBDA §6.2, 6.5].
-    ///
-    /// For six or seven joints this takes fewer operations than the articulated-body algorithm. Requires A positive definite.
-    pub fn forward_dynamics(
-        &self,
-        q: &SVector<f64, N>,
-        qdot: &SVector<f64, N>,
-        tau: &SVector<f64, N>,
-    ) -> SVector<f64, N> {
-        let arm = self;
-        widest!(qddot_anywhere(arm: &Model<N>, q: &SVector<f64, N>, qdot: &SVector<f64, N>, tau: &SVector<f64, N>) -> SVector<f64, N>)
+    widest! {
+        /// Forward dynamics q̈ = A⁻¹(τ − C·q̇ − g), armature included: A by composite inertias, bias torques by Newton and Euler, A = L·D·Lᵀ
+        /// [RBDA §6.2, 6.5].
+        ///
+        /// For six or seven joints this takes fewer operations than the articulated-body algorithm. Requires A positive definite.
+        pub fn forward_dynamics(
+            &self,
+            q: &SVector<f64, N>,
+            qdot: &SVector<f64, N>,
+            tau: &SVector<f64, N>
+        ) -> SVector<f64, N> {
+            qddot_anywhere
+        }
     }
 
     #[inline(always)]
@@ -376,22 +377,16 @@ impl<const N: usize> Model<N> {
         qdot: &SVector<f64, N>,
         tau: &SVector<f64, N>,
     ) -> SVector<f64, N> {
-        self.qddot_in(&self.posed(R::of(q)), R::of(qdot), R::of(tau))
+        let posed = self.posed(R::of(q));
+        // Factored first: its divisions wait for one another, and what follows does not wait for them.
+        let A = self.factored(&posed);
+        self.qddot_in(&posed, &A, R::of(qdot), R::of(tau))
     }
 
-    /// The arm at `q`.
+    /// A in a posture, as its factors.
     #[inline(always)]
-    pub(crate) fn posed<R: Row<N>>(&self, q: R) -> Posed<R, N> {
-        let frames = self.bodies.outwards::<R>(q);
-        let (S, masses) = (self.axes(&frames), self.masses(&frames));
-        // Factored first: its divisions wait for one another, and what follows does not wait for them.
-        let A = Factored::of(self.composite(&S, &masses.about_base().inwards().times(&S)));
-        Posed {
-            frames,
-            S,
-            masses,
-            A,
-        }
+    pub(crate) fn factored<R: Row<N>>(&self, posed: &Posed<R, N>) -> Factored<N> {
+        Factored::of(self.mass_matrix_in(posed))
     }
 
     /// q̈ in a posture.
@@ -399,20 +394,12 @@ impl<const N: usize> Model<N> {
     pub(crate) fn qddot_in<R: Row<N>>(
         &self,
         posed: &Posed<R, N>,
+        A: &Factored<N>,
         qdot: R,
         tau: R,
     ) -> SVector<f64, N> {
-        let Posed {
-            frames,
-            S,
-            masses,
-            A,
-        } = posed;
-        // Gravity as an upward acceleration of the base.
-        let f = self
-            .rates(frames, S, qdot, None, &-self.gravity)
-            .forces(masses);
-        A.solve((tau - S.dot(&f.inwards())).store().first())
+        let rates = self.rates(posed, qdot, None, &-self.gravity);
+        A.solve((tau - posed.torques(&rates)).store().first())
     }
 
     /// Kinetic energy ½·q̇ᵀ·A·q̇, the rotors' included, J.
@@ -420,15 +407,16 @@ impl<const N: usize> Model<N> {
         0.5 * qdot.dot(&(self.mass_matrix(q) * qdot))
     }
 
-    /// Potential energy −Σ m·gᵀ·c, zero with every centre of mass at the base origin, J.
-    pub fn potential_energy(&self, q: &SVector<f64, N>) -> f64 {
-        let arm = self;
-        widest!(potential_energy_anywhere(arm: &Model<N>, q: &SVector<f64, N>) -> f64)
+    widest! {
+        /// Potential energy −Σ m·gᵀ·c, zero with every centre of mass at the base origin, J.
+        pub fn potential_energy(&self, q: &SVector<f64, N>) -> f64 {
+            potential_energy_anywhere
+        }
     }
 
     #[inline(always)]
     fn potential_energy_anywhere<R: Row<N>>(&self, q: &SVector<f64, N>) -> f64 {
-        self.potential::<R>(&self.composites(q).1)
+        self.potential(&self.posed(R::of(q)).composites())
     }
 
     /// The potential energy of links with the composite inertias `I`: all masses are in the first.
@@ -446,7 +434,7 @@ fn put<const N: usize>(vectors: &mut [Vector3<f64>; N], rows: Vectors) {
 }
 
 /// A positive definite matrix as L·D·Lᵀ.
-struct Factored<const N: usize> {
+pub(crate) struct Factored<const N: usize> {
     /// Below the diagonal L·D, on it D.
     LD: SMatrix<f64, N, N>,
     /// Of D.

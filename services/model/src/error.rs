@@ -104,6 +104,22 @@ pub enum Defect {
 }
 
 impl Defect {
+    /// Refuses the first of some values of `owner` that does not hold. Of each: what it is, the value, whether it holds, and the remedy.
+    pub(crate) fn check<const K: usize>(
+        owner: &str,
+        values: [(&str, String, bool, &'static str); K],
+    ) -> Result<(), Self> {
+        let mut broken = values.into_iter().filter(|(.., holds, _)| !holds);
+        broken.next().map_or(Ok(()), |(what, value, _, remedy)| {
+            let what = format!("{owner}{what}");
+            Err(Self::Value {
+                what,
+                value,
+                remedy,
+            })
+        })
+    }
+
     /// A joint's value that cannot be.
     pub(crate) fn of_joint(
         joint: &str,

@@ -28,10 +28,11 @@ impl<const N: usize> Model<N> {
         }
     }
 
-    /// Pose of the end-effector frame in the base, `X_BE`.
-    pub fn forward_kinematics(&self, q: &SVector<f64, N>) -> Pose {
-        let arm = self;
-        widest!(end_anywhere(arm: &Model<N>, q: &SVector<f64, N>) -> Pose)
+    widest! {
+        /// Pose of the end-effector frame in the base, `X_BE`.
+        pub fn forward_kinematics(&self, q: &SVector<f64, N>) -> Pose {
+            end_anywhere
+        }
     }
 
     #[inline(always)]
@@ -39,10 +40,11 @@ impl<const N: usize> Model<N> {
         self.end::<R>(&self.bodies.outwards(R::of(q)))
     }
 
-    /// Poses of the links' URDF frames in the base, `X_BL`.
-    pub fn link_poses(&self, q: &SVector<f64, N>) -> [Pose; N] {
-        let arm = self;
-        widest!(link_poses_anywhere(arm: &Model<N>, q: &SVector<f64, N>) -> [Pose; N])
+    widest! {
+        /// Poses of the links' URDF frames in the base, `X_BL`.
+        pub fn link_poses(&self, q: &SVector<f64, N>) -> [Pose; N] {
+            link_poses_anywhere
+        }
     }
 
     #[inline(always)]
@@ -55,10 +57,11 @@ impl<const N: usize> Model<N> {
         poses
     }
 
-    /// Geometric Jacobian: [v; ω] = J·q̇ of the end-effector frame's origin, base axes, 6×N.
-    pub fn jacobian(&self, q: &SVector<f64, N>) -> SMatrix<f64, 6, N> {
-        let arm = self;
-        widest!(jacobian_anywhere(arm: &Model<N>, q: &SVector<f64, N>) -> SMatrix<f64, 6, N>)
+    widest! {
+        /// Geometric Jacobian: [v; ω] = J·q̇ of the end-effector frame's origin, base axes, 6×N.
+        pub fn jacobian(&self, q: &SVector<f64, N>) -> SMatrix<f64, 6, N> {
+            jacobian_anywhere
+        }
     }
 
     #[inline(always)]

@@ -15,22 +15,25 @@ pub(crate) use four::Fours;
 pub(crate) use plain::Plain;
 pub(crate) use row::{Number, PerJoint, Row, Space, V3, Vectors};
 
-/// Calls a function of [`Model`](crate::Model) that is generic over its row, `#[inline(always)]` and without `self`, with the widest that this processor
-/// has.
+/// A function of [`Model`](crate::Model) that calls the one named as its body, which is generic over its row and `#[inline(always)]`, with the widest row
+/// that this processor has.
 macro_rules! widest {
-    ($body:ident($($argument:ident: $type:ty),*) -> $result:ty) => {{
-        #[cfg(target_arch = "x86_64")]
-        {
-            #[target_feature(enable = "avx2")]
-            fn fours<const N: usize>($($argument: $type),*) -> $result {
-                Model::<N>::$body::<crate::lanes::Fours<N>>($($argument),*)
+    ($(#[$doc:meta])* $seen:vis fn $name:ident(&$this:ident $(, $argument:ident: $type:ty)*) $(-> $result:ty)? { $body:ident }) => {
+        $(#[$doc])*
+        $seen fn $name(&$this, $($argument: $type),*) $(-> $result)? {
+            #[cfg(target_arch = "x86_64")]
+            {
+                #[target_feature(enable = "avx2")]
+                fn fours<const N: usize>(arm: &Model<N>, $($argument: $type),*) $(-> $result)? {
+                    arm.$body::<crate::lanes::Fours<N>>($($argument),*)
+                }
+                if is_x86_feature_detected!("avx2") {
+                    // SAFETY: the processor has what the function asks for.
+                    return unsafe { fours::<N>($this, $($argument),*) };
+                }
             }
-            if is_x86_feature_detected!("avx2") {
-                // SAFETY: the processor has what the function asks for.
-                return unsafe { fours::<N>($($argument),*) };
-            }
+            $this.$body::<crate::lanes::Plain<N>>($($argument),*)
         }
-        Model::<N>::$body::<crate::lanes::Plain<N>>($($argument),*)
-    }};
+    };
 }
 pub(crate) use widest;

@@ -6,7 +6,6 @@ use crate::factors::Factors;
 use crate::joint::{Joint, JointKind};
 use crate::robot::Robot;
 use crate::{geometry, urdf};
-use nalgebra::Vector3;
 use shared_types::bounds::within;
 use shared_types::job::RobotText;
 use std::collections::BTreeMap;
@@ -26,14 +25,16 @@ impl Robot {
 
     /// The same; of a URDF with several arms, whose description names none, the one that ends in `frame`. Errors: [`RobotError`].
     pub fn from_source_at(source: &RobotText, frame: Option<&str>) -> Result<Robot, RobotError> {
-        let branches = |error: &RobotError| {
-            let RobotError::Defect { defect, .. } = error else {
-                return false;
-            };
-            matches!(defect, Defect::Branches { .. })
-        };
         match (Self::from_source(source), frame) {
-            (Err(error), Some(frame)) if branches(&error) => {
+            (
+                Err(
+                    error @ RobotError::Defect {
+                        defect: Defect::Branches { .. },
+                        ..
+                    },
+                ),
+                Some(frame),
+            ) => {
                 let mut description: toml::Table = source.description.parse().map_err(|_| error)?;
                 description.insert("default_frame".to_owned(), frame.into());
                 Self::from_source(&RobotText {
@@ -56,18 +57,15 @@ impl Robot {
             let q: Vec<f64> = (0..self.dof())
                 .map(|i| 2.399963 * (k * 7 + i + 1) as f64 % 3.1)
                 .collect();
-            let J = geometry::jacobian(self, &q);
-            let (Some(product), Ok(square)) = (
-                self.factors.determinant(&q),
-                <[_; 6]>::try_from(J.as_slice()),
-            ) else {
+            let (Some(product), 6) = (self.factors.determinant(&q), self.dof()) else {
                 return Err(Defect::Value {
                     what: "factors.kind".to_owned(),
                     value: format!("\"puma\" for {} joints", self.dof()),
                     remedy: "it needs six joints",
                 });
             };
-            let actual = nalgebra::Matrix6::from_columns(&square).determinant();
+            let J = geometry::jacobian(self, &q);
+            let actual = J.fixed_columns::<6>(0).into_owned().determinant();
             if !within((actual - product).abs(), 1e-9 * scale) {
                 return Err(Defect::Factors { q, actual, product });
             }
@@ -93,19 +91,20 @@ fn read(source: &RobotText) -> Result<Robot, Defect> {
             .map(|gaps| format!("it cannot move yet: {gaps}")),
     );
     let default_frame = description.default_frame.clone().unwrap_or(chain.tip);
+    let length = || geometry::default_length(&chain.joints, &chain.frames, &default_frame);
     let mut robot = Robot {
         name: source.name.clone(),
-        length_m: geometry::default_length(&chain.joints, &chain.frames, &default_frame),
+        length_m: description.length_m.unwrap_or_else(length),
         joints: chain.joints,
         frames: chain.frames,
         shapes: chain.shapes,
-        gravity: Vector3::new(0.0, 0.0, -9.81),
+        gravity: description.gravity.unwrap_or([0.0, 0.0, -9.81]).into(),
         gaps,
-        factors: Factors::Numeric,
+        factors: description.factors,
         default_frame,
         task: crate::TaskAxes::ALL,
         postures: BTreeMap::new(),
-        encoder_bits: 16,
+        encoder_bits: description.encoder_bits.unwrap_or(16),
         notes: chain.notes,
         meshes: source.folder.join(&description.meshes),
         source: source.clone(),
@@ -135,23 +134,25 @@ fn is_mjcf(text: &str) -> bool {
         .is_some_and(|tag| tag.starts_with("mujoco"))
 }
 
+/// The names of the joints that are so, where there are any.
+fn listed(joints: &[Joint], is_so: impl Fn(&Joint) -> bool) -> Option<String> {
+    let names: Vec<_> = joints.iter().filter(|joint| is_so(joint)).collect();
+    (!names.is_empty()).then(|| list(names.iter().map(|joint| &joint.name)))
+}
+
 /// The limits that are not stated, of speed and of torque. A continuous joint without any needs none.
 fn unlimited(joints: &[Joint]) -> impl Iterator<Item = String> {
-    let of = |effort: bool, joint: &Joint| if effort { joint.effort } else { joint.velocity };
-    let kinds = [("torque", "effort", true), ("speed", "velocity", false)];
-    kinds.into_iter().filter_map(move |(what, key, effort)| {
-        let is_unlimited = |joint: &&Joint| {
-            joint.kind != JointKind::Continuous && of(effort, joint).is_infinite()
-        };
-        let names = joints.iter().filter(is_unlimited);
-        let names: Vec<_> = names.map(|joint| &joint.name).collect();
-        (!names.is_empty()).then(|| {
-            format!(
-                "the {what} limits of {} are unknown: state `{key}` under `[joints.NAME]` in the description",
-                list(names)
-            )
-        })
-    })
+    let unknown = |what: &str, key: &str, limit: fn(&Joint) -> f64| {
+        let names = listed(joints, |joint| {
+            joint.kind != JointKind::Continuous && limit(joint).is_infinite()
+        })?;
+        Some(format!(
+            "the {what} limits of {names} are unknown: state `{key}` under `[joints.NAME]` in the description"
+        ))
+    };
+    let torques = unknown("torque", "effort", |joint| joint.effort);
+    let speeds = unknown("speed", "velocity", |joint| joint.velocity);
+    torques.into_iter().chain(speeds)
 }
 
 /// Limits that look like degrees, and lengths that look like millimetres.
@@ -159,32 +160,17 @@ fn in_other_units(joints: &[Joint]) -> impl Iterator<Item = String> {
     // No cable lasts four turns; a thousand rad and more mean no limit.
     const TURNS: std::ops::Range<f64> = 4.0 * TAU..1e3;
     const LONG_M: f64 = 20.0;
-    let named = |is_odd: fn(&Joint) -> bool| {
-        let odd = joints.iter().filter(move |joint| is_odd(joint));
-        odd.map(|joint| &joint.name).collect::<Vec<_>>()
+    let turns_far = |joint: &Joint| {
+        let limits = [joint.lower, joint.upper];
+        joint.kind == JointKind::Revolute && limits.iter().all(|one| TURNS.contains(&one.abs()))
     };
-    let turning = named(|joint| {
-        joint.kind == JointKind::Revolute
-            && [joint.lower, joint.upper]
-                .iter()
-                .all(|limit| TURNS.contains(&limit.abs()))
+    let limits = listed(joints, turns_far).map(|names| {
+        format!("the limits of {names} are over four turns: are they in degrees? A URDF has rad")
     });
-    let long = named(|joint| joint.X_PJ.p.norm() > LONG_M);
-    let words = [
-        (
-            turning,
-            "limits",
-            "are over four turns: are they in degrees? A URDF has rad",
-        ),
-        (
-            long,
-            "distances to the joint before",
-            "are over 20 m: are they in mm? A URDF has m",
-        ),
-    ];
-    words.into_iter().filter_map(|(names, what, why)| {
-        (!names.is_empty()).then(|| format!("the {what} of {} {why}", list(names)))
-    })
+    let lengths = listed(joints, |joint| joint.X_PJ.p.norm() > LONG_M).map(|names| {
+        format!("the distances to the joint before of {names} are over 20 m: are they in mm? A URDF has m")
+    });
+    limits.into_iter().chain(lengths)
 }
 
 /// The gaps of an arm that is to move, with a block to fill in; its joints have no such limits then. `None` where there are none.
@@ -230,32 +216,30 @@ fn gaps(robot: &str, joints: &mut [Joint]) -> Option<String> {
 
 /// Refuses what no arm can have; what is missing, as zero or an empty range, is in [`gaps`].
 fn check_joint(joint: &Joint) -> Result<(), Defect> {
-    let (lower, upper) = (joint.lower, joint.upper);
-    if !(lower < f64::INFINITY && upper >= lower) {
-        let remedy = "state lower < upper in the URDF's <limit>, or in the description (ARM.toml beside ARM.urdf)";
-        let given = format!("{lower} to {upper}");
-        return Err(Defect::of_joint(&joint.name, "range", given, remedy));
-    }
-    for (what, value) in [
-        ("effort", joint.effort),
-        ("torque_rate", joint.torque_rate),
-        ("velocity", joint.velocity),
-    ] {
-        let is_unknown = value == 0.0 && joint.effort == 0.0;
-        if value.is_nan() || value < 0.0 || what == "torque_rate" && value == 0.0 && !is_unknown {
-            let remedy = "state a positive number (or inf) in the URDF's <limit>, or in the description (ARM.toml beside ARM.urdf)";
-            return Err(Defect::of_joint(&joint.name, what, value, remedy));
-        }
-    }
-    for (what, value) in [
-        ("armature", joint.armature),
-        ("viscous_friction", joint.viscous_friction),
-        ("coulomb_friction", joint.coulomb_friction),
-    ] {
-        if !(value >= 0.0 && value.is_finite()) {
-            let remedy = "state a finite number, zero or more";
-            return Err(Defect::of_joint(&joint.name, what, value, remedy));
-        }
-    }
-    Ok(())
+    const RANGE: &str = "state lower < upper in the URDF's <limit>, or in the description (ARM.toml beside ARM.urdf)";
+    const MOST: &str = "state a positive number (or inf) in the URDF's <limit>, or in the description (ARM.toml beside ARM.urdf)";
+    const PART: &str = "state a finite number, zero or more";
+    let (lower, upper, rate) = (joint.lower, joint.upper, joint.torque_rate);
+    let number = |what, value: f64, holds, remedy| (what, value.to_string(), holds, remedy);
+    let most = |what, value| number(what, value, value >= 0.0, MOST);
+    let part = |what, value| number(what, value, (0.0..f64::INFINITY).contains(&value), PART);
+    // It follows from the torque limit, and is unknown where that is.
+    let has_rate = rate > 0.0 || rate == 0.0 && joint.effort == 0.0;
+    Defect::check(
+        &format!("joint '{}' has ", joint.name),
+        [
+            (
+                "range",
+                format!("{lower} to {upper}"),
+                lower < f64::INFINITY && upper >= lower,
+                RANGE,
+            ),
+            most("effort", joint.effort),
+            number("torque_rate", rate, has_rate, MOST),
+            most("velocity", joint.velocity),
+            part("armature", joint.armature),
+            part("viscous_friction", joint.viscous_friction),
+            part("coulomb_friction", joint.coulomb_friction),
+        ],
+    )
 }

@@ -73,16 +73,16 @@ impl Joint {
 mod tests {
     use crate::{Model, Pose, Robot, RobotText};
     use nalgebra::{Vector3, Vector6};
-    use shared_types::scenario::Payload;
 
-    fn puma(more: &str) -> Robot {
+    /// The PUMA with more in its description.
+    fn puma(more: &str) -> Model<6> {
         let source = Robot::builtin("puma560").unwrap().source;
         let description = format!("{more}\n{}", source.description);
-        Robot::from_source(&RobotText {
+        let robot = Robot::from_source(&RobotText {
             description,
             ..source
-        })
-        .unwrap()
+        });
+        Model::new(&robot.unwrap(), None).unwrap()
     }
 
     const Q: Vector6<f64> = Vector6::new(0.3, -0.9, 2.6, 0.4, 0.8, -0.5);
@@ -90,16 +90,10 @@ mod tests {
     /// The torque of a mass at the hand is Jᵀ of its weight.
     #[test]
     fn a_load_weighs_as_its_weight_at_its_place() {
-        let (plain, mut loaded) = (Robot::builtin("puma560").unwrap(), puma(""));
-        let at = Vector3::new(0.02, -0.03, 0.15);
-        let load = Payload {
-            mass_kg: 2.0,
-            com_m: at.into(),
-        };
-        loaded.take_payload(None, &load).unwrap();
-        let [plain, loaded] = [plain, loaded].map(|robot| Model::<6>::new(&robot, None).unwrap());
-        let there = plain.clone().with_tool(&Pose::translation(at));
-        let J = there.jacobian(&Q);
+        let loaded = puma("payload = {mass_kg = 2.0, com_m = [0.02, -0.03, 0.15]}");
+        let plain = puma("");
+        let at = Pose::translation(Vector3::new(0.02, -0.03, 0.15));
+        let J = plain.clone().with_tool(&at).jacobian(&Q);
         let weight = Vector6::new(0.0, 0.0, 2.0 * 9.81, 0.0, 0.0, 0.0);
         let by = loaded.gravity(&Q) - plain.gravity(&Q);
         assert!((by - J.transpose() * weight).amax() < 1e-9, "{by}");
@@ -111,23 +105,13 @@ mod tests {
     #[test]
     fn an_arm_upside_down_is_pulled_the_other_way() {
         let (plain, hung) = (puma(""), puma("base_rpy_deg = [180, 0, 0]"));
-        let [plain, hung] = [plain, hung].map(|robot| Model::<6>::new(&robot, None).unwrap());
         assert!((plain.gravity(&Q) + hung.gravity(&Q)).amax() < 1e-9);
     }
 
     #[test]
     fn the_tip_of_a_tool_is_the_end_effector() {
-        let description = Robot::builtin("puma560").unwrap().source.description;
-        let tool = "[tool]\ntip_m = [0.0, 0.1, 0.2]\nrpy_deg = [0, 90, 0]\nmass_kg = 1.0\n";
-        let source = RobotText {
-            description: format!("{description}\n{tool}"),
-            ..puma("").source
-        };
-        let robot = Robot::from_source(&source).unwrap();
-        let [tip, hand] = [&robot, &puma("")].map(|robot| {
-            let model = Model::<6>::new(robot, None).unwrap();
-            model.forward_kinematics(&Q)
-        });
+        let tool = "tool = {tip_m = [0.0, 0.1, 0.2], rpy_deg = [0, 90, 0], mass_kg = 1.0}";
+        let [tip, hand] = [tool, ""].map(|tool| puma(tool).forward_kinematics(&Q));
         let X = hand.inverse() * tip;
         assert!((X.p - Vector3::new(0.0, 0.1, 0.2)).norm() < 1e-12);
         assert!((X.R * Vector3::z() - Vector3::x()).norm() < 1e-12);

@@ -176,26 +176,18 @@ impl<R: Number> RigidInertias<R> {
     where
         R: Row<N>,
     {
-        let Sym3 {
-            xx,
-            xy,
-            xz,
-            yy,
-            yz,
-            zz,
-        } = self.I;
-        let I = Sym3 {
-            xx: xx.inwards(),
-            xy: xy.inwards(),
-            xz: xz.inwards(),
-            yy: yy.inwards(),
-            yz: yz.inwards(),
-            zz: zz.inwards(),
-        };
+        let I = self.I;
         Self {
             m: self.m.inwards(),
             h: self.h.inwards(),
-            I,
+            I: Sym3 {
+                xx: I.xx.inwards(),
+                xy: I.xy.inwards(),
+                xz: I.xz.inwards(),
+                yy: I.yy.inwards(),
+                yz: I.yz.inwards(),
+                zz: I.zz.inwards(),
+            },
         }
     }
 

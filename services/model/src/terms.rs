@@ -3,7 +3,7 @@
 use crate::arm::Model;
 use crate::pose::Pose;
 use crate::spatial::ORIGIN;
-use nalgebra::{ArrayStorage, Matrix3, SMatrix, SVector, Vector3, Vector6};
+use nalgebra::{SMatrix, SVector, Vector3, Vector6};
 
 /// Everything a controller needs of the arm in one state, from one pass.
 ///
@@ -37,23 +37,24 @@ pub struct Terms<const N: usize> {
 }
 
 impl<const N: usize> Terms<N> {
-    pub(crate) const ZERO: Self = Self {
-        A: SMatrix::from_array_storage(ArrayStorage([[0.0; N]; N])),
-        coriolis: SMatrix::from_array_storage(ArrayStorage([[0.0; N]])),
-        gravity: SMatrix::from_array_storage(ArrayStorage([[0.0; N]])),
-        J: SMatrix::from_array_storage(ArrayStorage([[0.0; 6]; N])),
-        Jdot_qdot: Vector6::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-        X_BE: Pose {
-            R: Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-            p: ORIGIN,
-        },
-        z: [ORIGIN; N],
-        p: [ORIGIN; N],
-        omega: [ORIGIN; N],
-        alpha_bias: [ORIGIN; N],
-        pdot: [ORIGIN; N],
-        pddot_bias: [ORIGIN; N],
-    };
+    /// A place for terms.
+    #[inline(always)]
+    pub(crate) fn zero() -> Self {
+        Self {
+            A: SMatrix::zeros(),
+            coriolis: SVector::zeros(),
+            gravity: SVector::zeros(),
+            J: SMatrix::zeros(),
+            Jdot_qdot: Vector6::zeros(),
+            X_BE: Pose::identity(),
+            z: [ORIGIN; N],
+            p: [ORIGIN; N],
+            omega: [ORIGIN; N],
+            alpha_bias: [ORIGIN; N],
+            pdot: [ORIGIN; N],
+            pddot_bias: [ORIGIN; N],
+        }
+    }
 
     /// C·q̇ + g.
     pub fn bias(&self) -> SVector<f64, N> {

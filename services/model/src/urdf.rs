@@ -162,7 +162,8 @@ impl<'a> Tree<'a> {
             if !names.insert(name) {
                 return refuse(format!("there are two joints '{name}'"));
             }
-            if let Some(link) = [from, to].into_iter().find(|link| !tree.has(link)) {
+            let is_missing = |link: &&String| !tree.links.contains_key(link.as_str());
+            if let Some(link) = [from, to].into_iter().find(is_missing) {
                 return refuse(format!(
                     "joint '{name}' names a link '{link}' that is missing"
                 ));
@@ -210,10 +211,6 @@ impl<'a> Tree<'a> {
             )));
         }
         Ok(root)
-    }
-
-    fn has(&self, link: &str) -> bool {
-        self.links.contains_key(link)
     }
 
     fn known(&self, frame: &str) -> Result<&'a str, Defect> {
@@ -285,9 +282,8 @@ impl<'a> Tree<'a> {
     }
 
     /// The movable joints from the base to `end`.
-    fn way_to(&self, end: &str) -> Result<Vec<&'a urdf_rs::Joint>, Defect> {
-        let mut joints = Vec::new();
-        let mut link = self.known(end)?;
+    fn way_to(&self, end: &'a str) -> Result<Vec<&'a urdf_rs::Joint>, Defect> {
+        let (mut joints, mut link) = (Vec::new(), end);
         while link != self.root {
             let Some(&joint) = self.parent.get(link) else {
                 return Err(Defect::NotATree(format!(
@@ -304,16 +300,15 @@ impl<'a> Tree<'a> {
         Ok(joints)
     }
 
-    /// The movable joints of the only chain there is, and its last link: where fixed joints lead to from the last moving link, if they lead to one place.
-    fn only_way(&self) -> Result<(Vec<&'a urdf_rs::Joint>, &'a str), Defect> {
-        let mut joints: Vec<&urdf_rs::Joint> = Vec::new();
+    /// The last link of the only chain there is: where fixed joints lead to from the last moving link, if they lead to one place.
+    fn only_end(&self) -> Result<&'a str, Defect> {
         let mut link = self.root;
         loop {
             let fixed = self.rigid(link, |joint| !self.is_movable(joint));
             let out = fixed.iter().flat_map(|(link, _)| self.joints_of(link));
             // A gripper is at the end of an arm; a joint that is named so before any other is an arm's all the same.
             let is_arm = |joint: &&urdf_rs::Joint| {
-                self.is_movable(joint) && (joints.is_empty() || !self.is_gripper(joint))
+                self.is_movable(joint) && (link == self.root || !self.is_gripper(joint))
             };
             let out: Vec<_> = out.copied().filter(is_arm).collect();
             match out[..] {
@@ -321,12 +316,9 @@ impl<'a> Tree<'a> {
                     let is_leaf = |link: &&str| self.joints_of(link).is_empty();
                     let mut leaves = fixed.iter().map(|(link, _)| *link).filter(is_leaf);
                     let only = leaves.next().filter(|_| leaves.next().is_none());
-                    return Ok((joints, only.unwrap_or(link)));
+                    return Ok(only.unwrap_or(link));
                 }
-                [joint] => {
-                    joints.push(joint);
-                    link = &joint.child.link;
-                }
+                [joint] => link = &joint.child.link,
                 _ => {
                     return Err(Defect::Branches {
                         link: link.to_owned(),
@@ -338,11 +330,8 @@ impl<'a> Tree<'a> {
     }
 
     fn chain(&self, end: Option<&str>) -> Result<Chain, Defect> {
-        let (movable, tip) = match end {
-            Some(end) => (self.way_to(end)?, end),
-            None => self.only_way()?,
-        };
-        let tip = tip.to_owned();
+        let tip = end.map_or_else(|| self.only_end(), |end| self.known(end))?;
+        let (movable, tip) = (self.way_to(tip)?, tip.to_owned());
         match movable.len() {
             0 => return Err(Defect::NoMovableJoint { frame: tip }),
             1..=MAX_DOF => {}
@@ -467,7 +456,7 @@ impl<'a> Tree<'a> {
         };
         check_finite(&X_PJ, || format!("the pose of joint '{name}'"))?;
         let (mass, com, inertia) = self.lump(rigid)?;
-        let dynamics = joint.dynamics.as_ref();
+        let dynamics = joint.dynamics.clone().unwrap_or_default();
         let mut limit = joint.limit.clone();
         if kind == JointKind::Continuous {
             (limit.lower, limit.upper) = (f64::NEG_INFINITY, f64::INFINITY);
@@ -487,8 +476,8 @@ impl<'a> Tree<'a> {
             com,
             inertia,
             armature: 0.0,
-            viscous_friction: dynamics.map_or(0.0, |dynamics| dynamics.damping),
-            coulomb_friction: dynamics.map_or(0.0, |dynamics| dynamics.friction),
+            viscous_friction: dynamics.damping,
+            coulomb_friction: dynamics.friction,
             lower: limit.lower,
             upper: limit.upper,
             effort: limit.effort,

@@ -4,11 +4,11 @@ use process::{Flow, Inputs, Outputs, Port, Process, Running};
 use shared_types::scenario::Servo;
 use shared_types::target_file::Row;
 use shared_types::wire::wire;
-use shared_types::{Header, SensorSample, Target, TargetContent};
+use shared_types::{SensorSample, Target, TargetContent};
 
 /// The targets of a session, tick by tick.
 #[derive(Clone, Debug)]
-pub struct Cycle {
+pub(crate) struct Cycle {
     /// In the order of their ticks.
     rows: Vec<Row>,
 }
@@ -25,7 +25,7 @@ wire! {
 
 impl Cycle {
     /// At the start of a session with checked text; without text, there are no targets.
-    pub fn begin(session: &Servo, rate_hz: u32) -> Running<Self> {
+    pub(crate) fn begin(session: &Servo, rate_hz: u32) -> Running<Self> {
         let rows = session.rows(rate_hz);
         Running::new(Self { rows }, OperatorState::default())
     }
@@ -54,11 +54,8 @@ impl Process for Cycle {
             state.next += 1;
         }
         outputs.put(&Target {
-            header: Header {
-                tick,
-                ..Header::default()
-            },
             target: state.held,
+            ..Target::default()
         });
         Flow::Go
     }

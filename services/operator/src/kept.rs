@@ -9,18 +9,26 @@ use std::path::Path;
 
 use bytemuck::{bytes_of, pod_read_unaligned};
 use shared_types::TargetContent;
+use shared_types::wire::wire;
 
 /// The ticks that have been published, before the first target.
-const HEAD: u64 = size_of::<u64>() as u64;
-const RECORD: usize = size_of::<u64>() + size_of::<TargetContent>();
+const HEAD: usize = size_of::<u64>();
+
+wire! {
+    /// A target, and the tick at which it took effect.
+    Given {
+        tick: u64,
+        target: TargetContent,
+    }
+}
 
 /// The targets of the earlier starts, and the file to which new ones go.
 pub(crate) struct Kept {
     file: File,
     /// Targets in the file.
     count: u64,
-    /// Those that are to come again, with their ticks.
-    earlier: VecDeque<(u64, TargetContent)>,
+    /// Those that are to come again.
+    earlier: VecDeque<Given>,
     /// Ticks that have been published before.
     ticks: u64,
     /// Something could not be written, and that has been said.
@@ -34,21 +42,18 @@ impl Kept {
         options.read(true).write(true).create(true).truncate(false);
         let file = options.open(path)?;
         let bytes = std::fs::read(path)?;
-        let (head, records) = bytes.split_at_checked(HEAD as usize).unwrap_or_default();
+        let (head, given) = bytes.split_at_checked(HEAD).unwrap_or_default();
         let ticks = if head.is_empty() {
             0
         } else {
             pod_read_unaligned(head)
         };
-        let record = |record: &[u8]| {
-            let (tick, target) = record.split_at(size_of::<u64>());
-            (pod_read_unaligned(tick), pod_read_unaligned(target))
-        };
-        let all = records.chunks_exact(RECORD).map(record);
+        let given = given.chunks_exact(size_of::<Given>());
+        let all = given.map(pod_read_unaligned::<Given>);
         Ok(Self {
             file,
             count: all.len() as u64,
-            earlier: all.filter(|(tick, _)| *tick >= first).collect(),
+            earlier: all.filter(|given| given.tick >= first).collect(),
             ticks,
             has_failed: false,
         })
@@ -62,15 +67,15 @@ impl Kept {
     /// The next target of an earlier start that came at a tick.
     pub(crate) fn take(&mut self, tick: u64) -> Option<TargetContent> {
         self.earlier
-            .pop_front_if(|(at, _)| *at <= tick)
-            .map(|(_, target)| target)
+            .pop_front_if(|given| given.tick <= tick)
+            .map(|given| given.target)
     }
 
     /// Keeps a target that is about to take effect at a tick.
     pub(crate) fn add(&mut self, tick: u64, target: &TargetContent) {
-        let record = [&tick.to_ne_bytes(), bytes_of(target)].concat();
-        let place = HEAD + self.count * RECORD as u64;
-        self.write(&record, place);
+        let target = *target;
+        let place = HEAD as u64 + self.count * size_of::<Given>() as u64;
+        self.write(bytes_of(&Given { tick, target }), place);
         self.count += 1;
     }
 

@@ -1,6 +1,5 @@
 //! The keys of a terminal as targets. PURE.
 
-use crate::settings::Settings;
 use shared_types::scenario::Servo;
 
 /// How long a key acts, s; longer than a terminal's delay before it repeats a key.
@@ -8,9 +7,32 @@ const HOLDS_S: f64 = 0.6;
 /// Speed of a key at the start: m/s and rad/s.
 const SPEED: [f64; 2] = [0.05, 0.2];
 
+/// Steps of the speed, and its range.
+const STEP: f64 = 1.25;
+const RANGE: (f64, f64) = (0.05, 8.0);
+
+const FRAMES: [&str; 3] = ["base", "hand", "singular"];
+const SIDES: [&str; 3] = ["keep", "positive", "negative"];
+
 /// State set by the keys.
-#[derive(Clone, Debug, Default)]
-pub struct Keys(Settings);
+#[derive(Clone, Debug)]
+pub struct Keys {
+    /// Index of [`FRAMES`], and of [`SIDES`].
+    frame: usize,
+    side: usize,
+    /// Of [`SPEED`].
+    factor: f64,
+}
+
+impl Default for Keys {
+    fn default() -> Self {
+        Self {
+            frame: 0,
+            side: 0,
+            factor: 1.0,
+        }
+    }
+}
 
 impl Keys {
     /// The keys, in two lines.
@@ -36,17 +58,23 @@ impl Keys {
         let sign = if b"sdfklo".contains(&key) { -1.0 } else { 1.0 };
         let mut twist = [0.0; 6];
         if axis < 6 {
-            twist[axis] = sign * self.0.factor * SPEED[axis / 3];
+            twist[axis] = sign * self.factor * SPEED[axis / 3];
         }
-        Some(self.0.line(HOLDS_S, twist))
+        let values = twist.map(|value| value.to_string()).join(" ");
+        let (frame, side) = (FRAMES[self.frame], SIDES[self.side]);
+        Some(format!("twist, {frame}, {HOLDS_S}, {values}, {side}"))
     }
 
     fn set(&mut self, key: u8) {
+        let step = match key {
+            b'+' | b'=' => STEP,
+            b'-' => 1.0 / STEP,
+            _ => 1.0,
+        };
+        self.factor = (self.factor * step).clamp(RANGE.0, RANGE.1);
         match key {
-            b'1'..=b'3' => self.0.frame = usize::from(key - b'1'),
-            b'+' | b'=' => self.0.change_speed(true),
-            b'-' => self.0.change_speed(false),
-            b'x' => self.0.change_side(),
+            b'1'..=b'3' => self.frame = usize::from(key - b'1'),
+            b'x' => self.side = (self.side + 1) % SIDES.len(),
             _ => {}
         }
     }

@@ -5,7 +5,6 @@
 mod cycle;
 mod kept;
 mod keys;
-mod settings;
 
 use std::io;
 use std::os::unix::net::UnixDatagram;
@@ -19,9 +18,9 @@ use shared_types::scenario::{Scenario, Servo};
 use shared_types::target_file::{live, unreadable};
 use shared_types::{Message, Target, TargetContent};
 
-pub use cycle::{Cycle, OperatorState};
 pub use keys::Keys;
 
+use cycle::Cycle;
 use kept::Kept;
 
 /// A message of this length is cut off, or may be; bytes.

@@ -89,9 +89,6 @@ pub enum RobotFailure {
         /// The time that it had.
         seconds: f64,
     },
-    /// The scenario does not fit the interface.
-    #[error("{0}")]
-    Scenario(String),
 }
 
 impl From<RobotFailure> for runtime::ProcessError {

@@ -28,7 +28,6 @@ pub(crate) fn run(
     let model = Model::<JOINTS>::new(robot, scenario.frame()).map_err(ProcessError::setup)?;
     let start = robot.start_posture(&scenario.start);
     let start = embedded::<JOINTS>(&start.map_err(ProcessError::setup)?);
-    check_rate(scenario)?;
     let client = Client::connect(address)?;
     client.check_ready()?;
     if !approach(shell, &client, &model, start)? {
@@ -88,16 +87,6 @@ fn log_drive(tick: u64, before: u32, now: u32) {
     } else if before >= DRIVE_STOPPING {
         tracing::warn!("tick {tick}: torque comes in time again, the arm goes on");
     }
-}
-
-fn check_rate(scenario: &Scenario) -> Result<(), RobotFailure> {
-    let Scenario { name, rate_hz, .. } = scenario;
-    if *rate_hz == RATE_HZ {
-        return Ok(());
-    }
-    Err(RobotFailure::Scenario(format!(
-        "{name} runs at {rate_hz} Hz, the robot at {RATE_HZ}: leave `rate_hz` out"
-    )))
 }
 
 /// Moves the arm to the start posture; `false` if the run is stopped meanwhile.

@@ -1,79 +1,61 @@
 //! The plant's pure step: from torque to motion, and from motion to sensor readings.
 
 use bytemuck::{bytes_of, pod_read_unaligned};
-use model::{ArmMotion, Model, ModelError, PostureError, Robot, embedded, joints, padded, stack};
+use model::{Model, Refused, Robot, embedded, joints, padded, stack};
 use nalgebra::SVector;
 use process::{CUT_TICKS, Damaged, Flow, Inputs, Outputs, Port, Process, Snapshot};
 use shared_types::checkpoints::PlantCheckpoint;
 use shared_types::codes::DRIVE_DIVERGED;
 use shared_types::fault::ScheduledFault;
-use shared_types::scenario::{Push, Scenario};
+use shared_types::scenario::{self, Push, Scenario};
 use shared_types::task_end::TaskEnd;
 use shared_types::{Header, Layout, PlantState, SensorSample, TorqueCommand, WristForce};
-use sim::{Drive, Encoders, Plant, PlantError, gaussians};
+use sim::{Drive, Encoders, Plant, gaussians};
 use std::array;
 
 use crate::hardware_faults::HardwareFaults;
 
-/// Why a scenario cannot be simulated.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum SetupError {
-    /// Its start is not a posture of the robot.
-    #[error(transparent)]
-    Start(#[from] PostureError),
-    /// The arm, or its world, cannot be simulated.
-    #[error(transparent)]
-    Plant(#[from] PlantError),
-    /// The robot has no model of this size or at this frame.
-    #[error(transparent)]
-    Model(#[from] ModelError),
-}
-
 /// The part of the plant that never changes: its encoders, and the size of its arm.
-pub struct Cycle<const N: usize> {
+pub(crate) struct Cycle<const N: usize> {
     encoders: Encoders<N>,
-    /// Standard deviations of the wrist sensor's noise, N, N·m, and its seed.
-    wrist_noise: [f64; 2],
+    /// The scenario's: pushes on the hand, noise of the wrist's sensor.
+    options: scenario::Plant,
+    /// Of that noise.
     wrist_seed: u64,
     /// Number of the arm's joints; further entries of a command are ignored.
     dof: usize,
-    /// The pushes on the hand, and the length of a tick, s.
-    push: Vec<Push>,
+    /// Length of a tick, s.
     dt_s: f64,
 }
 
 /// The arm, its drives and their faults, from tick to tick.
 ///
 /// Between tick k and k + 1 the torque commanded from the sample of tick k acts.
-pub struct World<const N: usize> {
+pub(crate) struct World<const N: usize> {
     plant: Plant<N>,
     drive: Drive<N>,
     end: TaskEnd,
-    ticks: u64,
-    diverged: bool,
     hardware_faults: HardwareFaults<N>,
-    /// The encoders report a position of this tick that the drives' own sensors contradict.
-    contradicted: bool,
-    /// Torque that acted on the joints over the last tick; the torque applied by the drives, unless
-    /// one failed; N·m.
-    acted: SVector<f64, N>,
+    /// What is nobody else's: `ticks`, `diverged`, `contradicted`, and `acted`, the torque applied by the drives, unless one failed.
+    own: PlantCheckpoint,
 }
 
 impl<const N: usize> Cycle<N> {
     /// The simulated `robot` at rest at the scenario's start.
     ///
     /// # Errors
-    /// [`SetupError`] if the scenario and the robot do not fit, or cannot be simulated.
-    pub fn new(robot: &Robot, scenario: &Scenario) -> Result<(Self, World<N>), SetupError> {
-        let options = &scenario.plant;
-        let start = robot.start_posture(&scenario.start)?;
+    /// [`Refused`] if the scenario and the robot do not fit, or cannot be simulated.
+    pub(crate) fn new(robot: &Robot, scenario: &Scenario) -> Result<(Self, World<N>), Refused> {
+        let (options, frame, rate_hz) = (&scenario.plant, scenario.frame(), scenario.rate_hz);
+        let start = robot.start_posture(&scenario.start);
+        let start = embedded(&start.map_err(Refused::because)?);
         // The drives' model is the description's, without the simulated deviation from it.
-        let known = Model::new(robot, scenario.frame())?;
-        let start = embedded(&start);
-        let plant = Plant::new(robot, scenario.frame(), options, scenario.rate_hz, &start)?;
+        let known = Model::new(robot, frame).map_err(Refused::because)?;
+        let plant = Plant::new(robot, frame, options, rate_hz, &start);
+        let plant = plant.map_err(Refused::because)?;
         // They carry the arm as it is, with all that it holds.
         let carries = plant.model().gravity(&start);
-        let drive = Drive::new(known, scenario.rate_hz, options.hold_ticks, &carries);
+        let drive = Drive::new(known, rate_hz, options.hold_ticks, &carries);
         let cycle = Self {
             encoders: Encoders::new(
                 robot,
@@ -81,27 +63,26 @@ impl<const N: usize> Cycle<N> {
                 options.encoder_noise_counts,
                 scenario.seed,
             ),
-            wrist_noise: [options.wrist_noise_n, options.wrist_noise_nm],
+            options: options.clone(),
             // Not the encoders' numbers.
             wrist_seed: !scenario.seed,
             dof: robot.dof(),
-            push: options.push.clone(),
             dt_s: scenario.dt_s(),
         };
         let world = World {
             plant,
-            acted: drive.applied().tau,
+            own: PlantCheckpoint {
+                acted: drive.state().tau,
+                ..PlantCheckpoint::default()
+            },
             drive,
             hardware_faults: HardwareFaults::new(scenario.dt_s()),
-            contradicted: false,
             end: TaskEnd::of(scenario),
-            ticks: 0,
-            diverged: false,
         };
         Ok((cycle, world))
     }
 
-    /// The sensors' readings at `tick`, and the truth.
+    /// The sensors' readings at `tick`, and the truth; the runtime fills their headers.
     ///
     /// A pure function of the world and `tick`: asking twice gives the same.
     fn sample(
@@ -115,58 +96,41 @@ impl<const N: usize> Cycle<N> {
             plant,
             drive,
             hardware_faults,
-            acted,
+            own,
             ..
         } = world;
-        let (x, touch, applied) = (plant.state(), plant.touch(), drive.applied());
-        let header = Header {
-            tick,
-            ..Header::default()
-        };
+        let (x, touch, applied) = (plant.state(), plant.touch(), drive.state());
         *sample = SensorSample {
-            header,
+            header: Header::default(),
             q_encoder: padded(&hardware_faults.read(tick, &self.encoders.read(tick, &x.q))),
-            tau_drive: padded(&applied.tau),
+            tau_drive: applied.tau,
             drive: applied.drive,
             stale_ticks: applied.stale_ticks,
         };
-        let ArmMotion {
-            X_BE, V_BE, energy, ..
-        } = *plant.motion();
-        let mut R_BE = [0.0; 9];
-        R_BE.copy_from_slice(X_BE.R.as_slice());
         *truth = PlantState {
-            header,
             q: padded(&x.q),
             qdot: padded(&x.qdot),
-            tau: padded(acted),
-            p_BE: X_BE.p.into(),
-            R_BE,
-            V_BE: V_BE.into(),
+            tau: own.acted,
             contact_force_n: touch.force.into(),
             contact_torque_nm: plant.pressed().fixed_rows::<3>(3).into(),
-            energy_j: energy,
             contacts: touch.contacts,
             limit_mask: touch.limits,
             saturation_mask: applied.saturation_mask,
             drive: applied.drive,
             drive_flags: applied.flags,
-            refused: drive.refused(),
+            refused: applied.refused,
+            ..plant.motion().truth()
         };
     }
 
     /// The wrist's sensor at `tick`: the wrench on the hand, with noise that is a function of the seed and the tick.
     fn feel(&self, world: &World<N>, tick: u64) -> WristForce {
-        let [noise_n, noise_nm] = self.wrist_noise;
         let noise: [f64; 6] = gaussians(self.wrist_seed, tick);
         let felt = world.plant.pressed();
         WristForce {
-            header: Header {
-                tick,
-                ..Header::default()
-            },
-            force_n: array::from_fn(|i| felt[i] + noise[i] * noise_n),
-            torque_nm: array::from_fn(|i| felt[3 + i] + noise[3 + i] * noise_nm),
+            header: Header::default(),
+            force_n: array::from_fn(|i| felt[i] + noise[i] * self.options.wrist_noise_n),
+            torque_nm: array::from_fn(|i| felt[3 + i] + noise[3 + i] * self.options.wrist_noise_nm),
         }
     }
 
@@ -174,16 +138,17 @@ impl<const N: usize> Cycle<N> {
     fn apply_faults(&self, world: &mut World<N>, tick: u64, faults: &[ScheduledFault]) {
         let q = &world.plant.state().q;
         let reading = self.encoders.read(tick, q);
-        world.hardware_faults.begin(faults, &reading, &world.acted);
+        let acted = joints(&world.own.acted);
+        world.hardware_faults.begin(faults, &reading, &acted);
         let read = world.hardware_faults.read(tick, &reading);
-        world.contradicted = !self.encoders.agrees(&read, q);
+        world.own.contradicted = (!self.encoders.agrees(&read, q)).into();
     }
 
     /// The joint torques of what pushes the hand, N·m.
     fn pushed(&self, world: &World<N>) -> SVector<f64, N> {
-        let t_s = world.ticks as f64 * self.dt_s;
+        let t_s = world.own.ticks as f64 * self.dt_s;
         let lasts = |push: &&Push| (push.at_s..push.at_s + push.for_s).contains(&t_s);
-        let now = self.push.iter().filter(lasts);
+        let now = self.options.push.iter().filter(lasts);
         now.fold(SVector::zeros(), |sum, push| {
             let F = stack(&push.force_n.into(), &push.torque_nm.into());
             let plant = &world.plant;
@@ -194,10 +159,11 @@ impl<const N: usize> Cycle<N> {
     /// Advances one tick under `command` (`None`: none came); its header gives its age.
     fn advance(&self, world: &mut World<N>, command: Option<&TorqueCommand>) {
         let tau = command.map(|command| embedded::<N>(&command.tau[..self.dof]));
-        let age = command.map_or(0, |command| world.ticks.saturating_sub(command.header.tick));
+        let ticks = world.own.ticks;
+        let age = command.map_or(0, |command| ticks.saturating_sub(command.header.tick));
         let x = world.plant.state();
-        let applied = match (world.contradicted, &tau) {
-            (true, Some(_)) => world.drive.refuse(&x.q, &x.qdot),
+        match (world.own.contradicted, &tau) {
+            (1, Some(_)) => world.drive.refuse(&x.q, &x.qdot),
             (_, tau) => world.drive.answer(
                 &x.q,
                 &x.qdot,
@@ -206,18 +172,19 @@ impl<const N: usize> Cycle<N> {
             ),
         };
         let effort = world.plant.model().effort();
-        let acting = world.hardware_faults.act(&applied.tau, &x.qdot, effort);
-        let braked = applied.braked;
-        world.acted = acting;
-        if braked {
+        let acting = world
+            .hardware_faults
+            .act(&world.drive.tau(), &x.qdot, effort);
+        world.own.acted = padded(&acting);
+        if world.drive.is_braked() {
             world.plant.hold();
         } else if world.plant.step(&(acting + self.pushed(world))).is_err() {
             world.drive.brake(DRIVE_DIVERGED);
             world.plant.hold();
-            world.diverged = true;
+            world.own.diverged = 1;
         }
         world.end.take(command.map(|command| command.phase));
-        world.ticks += 1;
+        world.own.ticks += 1;
     }
 }
 
@@ -226,7 +193,7 @@ impl<const N: usize> World<N> {
     /// ago; or the motion is no longer finite; or the run is 20 times as long as planned, or as
     /// long as the interrupted run that it repeats.
     fn is_over(&self) -> bool {
-        self.diverged || self.end.is_over(self.ticks)
+        self.own.diverged == 1 || self.end.is_over(self.own.ticks)
     }
 }
 
@@ -239,20 +206,11 @@ impl<const N: usize> Snapshot for World<N> {
         let begin = out.len();
         out.resize(begin + size_of::<PlantCheckpoint>(), 0);
         let stuck = self.hardware_faults.save(out);
-        let [stuck_reading, stuck_torque] = stuck.map(|values| padded(&SVector::from(values)));
-        let (phase, refused_ticks) = self.end.saved();
-        let mut checkpoint = PlantCheckpoint {
-            acted: padded(&self.acted),
-            stuck_reading,
-            stuck_torque,
-            ticks: self.ticks,
-            refused_ticks,
-            drives: self.drive.save(),
-            phase,
-            diverged: self.diverged.into(),
-            contradicted: self.contradicted.into(),
-            ..PlantCheckpoint::default()
-        };
+        let mut checkpoint = self.own;
+        [checkpoint.stuck_reading, checkpoint.stuck_torque] =
+            stuck.map(|values| padded(&SVector::from(values)));
+        (checkpoint.phase, checkpoint.refused_ticks) = self.end.saved();
+        checkpoint.drives = *self.drive.state();
         self.plant.save(&mut checkpoint);
         out[begin..][..size_of::<PlantCheckpoint>()].copy_from_slice(bytes_of(&checkpoint));
     }
@@ -268,11 +226,8 @@ impl<const N: usize> Snapshot for World<N> {
         }
         self.plant.restore(&checkpoint);
         self.drive.restore(&checkpoint.drives);
-        self.acted = joints(&checkpoint.acted);
         (self.end).resume(checkpoint.phase, checkpoint.refused_ticks);
-        self.ticks = checkpoint.ticks;
-        self.diverged = checkpoint.diverged == 1;
-        self.contradicted = checkpoint.contradicted == 1;
+        self.own = checkpoint;
         Ok(())
     }
 }
@@ -300,7 +255,7 @@ impl<const N: usize> Process for Cycle<N> {
         if !inputs.faults.is_empty() || world.hardware_faults.is_any() {
             self.apply_faults(world, inputs.tick, inputs.faults);
             // Its torque will be refused.
-            outputs.has_noticed = world.contradicted;
+            outputs.has_noticed = world.own.contradicted == 1;
         }
         if let (Some(sample), Some(truth)) = (outputs.place(), outputs.place()) {
             self.sample(world, inputs.tick, sample, truth);
@@ -369,6 +324,7 @@ mod tests {
         let (mut sample, mut truth) = <(SensorSample, PlantState)>::default();
         cycle.sample(world, tick, &mut sample, &mut truth);
         assert!(sample.is_finite() && truth.is_finite());
+        truth.header.tick = tick;
         (sample, truth)
     }
 
@@ -425,7 +381,6 @@ mod tests {
             cycle.step(Some(&command(&truth, [10.0, -5.0, 3.0, 1.0, 0.5, 0.2])));
         }
         let (sample, truth) = sampled(&cycle, 500);
-        assert_eq!((sample.header.tick, truth.header.tick), (500, 500));
         let off = (joints(&sample.q_encoder) - joints(&truth.q)).amax();
         let count = std::f64::consts::TAU / 65536.0;
         assert!(
@@ -476,7 +431,7 @@ mod tests {
                 error < 0.2,
                 "the arm is stopped at tick {tick}, {error} rad on"
             );
-            assert_eq!(cycle.1.contradicted, error > 0.03, "tick {tick}");
+            assert_eq!(cycle.1.own.contradicted == 1, error > 0.03, "tick {tick}");
             // From when it is stuck on, as much torque as joint 1 has, in the direction of the motion.
             let push = match tick {
                 0..200 => 10.0,

@@ -9,7 +9,7 @@ use model::{Refused, Robot};
 use process::{Running, Step};
 use shared_types::scenario::Scenario;
 
-pub use cycle::{Cycle, SetupError, World};
+use cycle::Cycle;
 
 /// The process for an arm of as many joints as `robot` has.
 ///

@@ -137,7 +137,7 @@ impl Law {
     #[pyo3(signature = (rows=None))]
     fn reset(&mut self, py: Python<'_>, rows: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
         let Some(rows) = rows else {
-            self.one[0].reset(&self.task);
+            self.one[0].reset();
             self.many.clear();
             return Ok(());
         };
@@ -145,7 +145,7 @@ impl Law {
             .import("numpy")?
             .call_method1("arange", (self.many.len(),))?;
         for row in all.get_item(rows)?.try_iter()? {
-            self.many[row?.extract::<usize>()?].reset(&self.task);
+            self.many[row?.extract::<usize>()?].reset();
         }
         Ok(())
     }

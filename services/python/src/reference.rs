@@ -2,6 +2,7 @@
 
 use control::centre::PoseMotion;
 use control::{GroundTruth, Progress, ground_truth};
+use model::Pose;
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -124,14 +125,8 @@ impl Reference {
         let (R, p) = self
             .desired
             .map_or_else(Default::default, |desired| (desired.R, desired.p));
-        let rows = (0..4).flat_map(|i| (0..4).map(move |j| (i, j)));
-        let of = |(i, j)| match (i, j) {
-            (3, 3) => 1.0,
-            (3, _) => 0.0,
-            (i, 3) => p[i],
-            (i, j) => R[(i, j)],
-        };
-        PyArray1::from_iter(py, rows.map(of)).reshape([4, 4])
+        let rows = Pose { R, p }.to_homogeneous().transpose();
+        PyArray1::from_slice(py, rows.as_slice()).reshape([4, 4])
     }
 
     #[getter]

@@ -83,15 +83,13 @@ const TICKS: u32 = 3 * RATE / 2;
 /// Positions and energies tick by tick, and sub-steps of rapier3d.
 fn course(scene: &Scene, substeps: u32, equally: bool) -> (Vec<(Joints, f64)>, f64) {
     let mut arm = scene.arm(substeps);
-    if equally {
-        arm.divide_equally();
-    }
+    arm.hybrid.as_mut().unwrap().equal = equally;
     let mut course = Vec::new();
     for tick in 0..TICKS {
         scene.step(&mut arm, tick);
         course.push((arm.state().q, arm.energy()));
     }
-    (course, f64::from(arm.asked()))
+    (course, f64::from(arm.hybrid.unwrap().asked))
 }
 
 /// The same in sub-steps that follow contact, every 100 ticks with nothing but what is saved: a second arm goes on from there, bit for bit.

@@ -154,7 +154,7 @@ fn kinematics<const N: usize>(robot: &Robot, model: &Model<N>, state: &[f64]) ->
 /// Arrays, or the widest registers that this processor has: the same bits.
 fn same_bits<const N: usize>(model: &Model<N>, state: &[f64]) -> Checked {
     let [q, qdot, tau] = &split::<N>(state);
-    let mut terms = Terms::ZERO;
+    let mut terms = Terms::zero();
     model.evaluate_anywhere::<Plain<N>>(q, qdot, &mut terms);
     let bits = |value: &dyn std::fmt::Debug| format!("{value:?}");
     prop_assert_eq!(bits(&terms), bits(&model.evaluate(q, qdot)));

@@ -14,11 +14,17 @@ fn defect(urdf: &str, description: &str) -> Defect {
     }
 }
 
+macro_rules! assert_matches {
+    ($found:expr, $pattern:pat $(if $condition:expr)?) => {
+        let found = $found;
+        assert!(matches!(&found, $pattern $(if $condition)?), "{found:?}");
+    };
+}
+
 macro_rules! assert_refused {
-    ($($urdf:expr, $description:expr => $defect:pat $(if $condition:expr)?,)+) => {$({
-        let found = defect(&$urdf, $description);
-        assert!(matches!(&found, $defect $(if $condition)?), "{found:?}");
-    })+};
+    ($($urdf:expr, $description:expr => $defect:pat $(if $condition:expr)?,)+) => {$(
+        assert_matches!(defect(&$urdf, $description), $defect $(if $condition)?);
+    )+};
 }
 
 /// The value for which `urdf` with `description` is refused.
@@ -37,37 +43,30 @@ fn shaped(name: &str, rest: &str) -> String {
     format!(r#"<link name="{name}">{BODY}{rest}</link>"#)
 }
 
-/// A joint, with `rest` inside.
-fn joint(kind: &str, parent: &str, child: &str, rest: &str) -> String {
+/// A joint `parent-child`, with `rest` inside.
+fn joint(kind: &str, pair: &str, rest: &str) -> String {
+    let (parent, child) = pair.split_once('-').unwrap();
     format!(
-        r#"<joint name="{parent}-{child}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><origin xyz="1 0 0"/><axis xyz="0 0 1"/>{rest}</joint>"#
+        r#"<joint name="{pair}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><origin xyz="1 0 0"/><axis xyz="0 0 1"/>{rest}</joint>"#
     )
 }
 
 /// A URDF of `parts` and of links that are bodies.
 fn robot(links: &str, parts: &[String]) -> String {
-    let links: String = links
-        .split_whitespace()
-        .map(|name| shaped(name, ""))
-        .collect();
+    let links = links.split_whitespace().map(|name| shaped(name, ""));
+    let links: String = links.collect();
     format!("<robot name=\"r\">{links}{}</robot>", parts.concat())
 }
 
 /// Revolute joints `parent-child`, separated by spaces.
 fn turning(pairs: &str) -> String {
-    let joint = |pair: &str| {
-        let (parent, child) = pair.split_once('-').unwrap();
-        joint("revolute", parent, child, LIMIT)
-    };
-    pairs.split_whitespace().map(joint).collect()
+    let pairs = pairs.split_whitespace();
+    pairs.map(|pair| joint("revolute", pair, LIMIT)).collect()
 }
 
 /// A link `a` on a base, as it is written, that turns within `limit`.
 fn pendulum(a: &str, limit: &str) -> String {
-    robot(
-        "base",
-        &[a.to_owned(), joint("revolute", "base", "a", limit)],
-    )
+    robot("base", &[a.to_owned(), joint("revolute", "base-a", limit)])
 }
 
 /// Three links in a row, each 1 m along x of the one before.
@@ -166,9 +165,9 @@ fn fixed_links_are_lumped() {
 #[test]
 fn branches_are_refused_or_held() {
     let follows = format!(r#"{LIMIT}<mimic joint="arm-left"/>"#);
-    let fingers =
-        joint("prismatic", "arm", "left", LIMIT) + &joint("prismatic", "arm", "right", &follows);
-    let gripper = robot("base arm left right", &[turning("base-arm"), fingers]);
+    let [left, right] = [("arm-left", LIMIT), ("arm-right", &*follows)]
+        .map(|(pair, limit)| joint("prismatic", pair, limit));
+    let gripper = robot("base arm left right", &[turning("base-arm"), left, right]);
     let held = load(&gripper, "default_frame = \"arm\"").unwrap();
     assert_eq!(
         (held.dof(), held.joints[0].mass, held.notes.len()),
@@ -239,7 +238,7 @@ fn inertia_without_mass_counts_or_is_refused() {
     let fused = [
         turning("base-a"),
         hand.to_owned(),
-        joint("fixed", "a", "hand", ""),
+        joint("fixed", "a-hand", ""),
     ];
     let body = &load(&robot("base a", &fused), "").unwrap().joints[0];
     assert_eq!((body.mass, body.com), (1.0, Vector3::zeros()));
@@ -304,12 +303,11 @@ fn impossible_urdfs_are_refused() {
         );
         pendulum(&link, LIMIT)
     };
-    let long: Vec<String> = (0..10).map(|i| format!("l{i}")).collect();
-    let pairs: Vec<String> = long.windows(2).map(|pair| pair.join("-")).collect();
-    let long = robot(&long.join(" "), &[turning(&pairs.join(" "))]);
-    assert_eq!(load(&long, "default_frame = \"l7\"").unwrap().dof(), 7);
-    let fixed = |pair: [&str; 2]| joint("fixed", pair[0], pair[1], "");
-    let aside = [turning("a-b"), fixed(["c", "d"]), fixed(["d", "c"])];
+    let pairs = "a-b b-c c-d d-e e-f f-g g-h h-i i-j";
+    let long = robot("a b c d e f g h i j", &[turning(pairs)]);
+    assert_eq!(load(&long, "default_frame = \"h\"").unwrap().dof(), 7);
+    let fixed = |pair| joint("fixed", pair, "");
+    let aside = [turning("a-b"), fixed("c-d"), fixed("d-c")];
     assert_refused! {
         "not xml", "" => Defect::Urdf(_),
         robot("base", &[]), "" => Defect::NoMovableJoint { .. },
@@ -324,7 +322,7 @@ fn impossible_urdfs_are_refused() {
         a("nan", ["1", "1", "1"]), "" => Defect::NotFinite(_),
         a("1", ["inf", "1", "1"]), "" => Defect::NotFinite(_),
         ODD.replace("0.2 -0.1 0", "0.2 nan 0"), "" => Defect::NotFinite(_),
-        robot("base a", &[joint("floating", "base", "a", "")]), "" => Defect::UnsupportedJoint { kind, .. } if kind == "floating",
+        robot("base a", &[joint("floating", "base-a", "")]), "" => Defect::UnsupportedJoint { kind, .. } if kind == "floating",
         robot("", &[]), "" => Defect::Urdf(_),
         robot("a a", &[turning("a-b")]), "" => Defect::NotATree(_),
         robot("a", &[turning("a-b")]), "" => Defect::NotATree(_),
@@ -332,24 +330,20 @@ fn impossible_urdfs_are_refused() {
         robot("a b", &[turning("a-b a-b")]), "" => Defect::NotATree(_),
         robot("a b", &[turning("a-b b-a")]), "" => Defect::NotATree(_),
         robot("a b c d", &aside), "" => Defect::NotATree(_),
-        robot("a b c", &[fixed(["a", "c"]), fixed(["b", "c"])]), "" => Defect::NotATree(_),
+        robot("a b c", &[fixed("a-c"), fixed("b-c")]), "" => Defect::NotATree(_),
     }
 }
 
 #[test]
 fn values_that_cannot_be_are_named() {
-    let limits = |lower: &str, upper: &str, effort: &str, velocity: &str| {
-        format!(
-            r#"<limit lower="{lower}" upper="{upper}" effort="{effort}" velocity="{velocity}"/>"#
-        )
-    };
-    for (limit, what, number) in [
-        (limits("1", "-1", "1", "1"), "range", "1 to -1"),
-        (limits("nan", "1", "1", "1"), "range", "NaN to 1"),
-        (limits("-1", "1", "1", "-2"), "velocity", "-2"),
+    for (limits, what, number) in [
+        (r#"lower="1" upper="-1" effort="1""#, "range", "1 to -1"),
+        (r#"lower="nan" upper="1" effort="1""#, "range", "NaN to 1"),
+        (r#"lower="-1" upper="1" velocity="-2""#, "velocity", "-2"),
     ] {
         let expected = (format!("joint 'base-a' has {what}"), number.to_owned());
-        assert_eq!(value(&pendulum(&shaped("a", ""), &limit), ""), expected);
+        let arm = pendulum(&shaped("a", ""), &format!("<limit {limits}/>"));
+        assert_eq!(value(&arm, ""), expected);
     }
     let (axis, _) = value(&ODD.replace("1 -2 0.5", "0 0 0"), "");
     assert_eq!(axis, "joint 'turn' has axis");
@@ -402,8 +396,8 @@ fn gaps_are_told_together_and_kinematics_does_without() {
         "base",
         &[
             r#"<link name="a"/>"#.to_owned() + part,
-            joint("revolute", "base", "a", ""),
-            joint("revolute", "a", "b", &limit),
+            joint("revolute", "base-a", ""),
+            joint("revolute", "a-b", &limit),
         ],
     );
     let found = load(&arm, "").unwrap();
@@ -461,23 +455,12 @@ fn false_factors_are_refused() {
 
 #[test]
 fn postures_and_names_are_checked() {
-    assert!(matches!(
-        Robot::builtin("puma"),
-        Err(RobotError::Unknown { .. })
-    ));
+    assert_matches!(Robot::builtin("puma"), Err(RobotError::Unknown { .. }));
     let robot = Robot::builtin("puma560").unwrap();
     let unknown = Model::<6>::new(&robot, Some("hand"));
-    assert!(matches!(unknown, Err(ModelError::UnknownFrame { .. })));
+    assert_matches!(unknown, Err(ModelError::UnknownFrame { .. }));
     let small = Model::<5>::new(&robot, None);
-    assert!(matches!(
-        small,
-        Err(ModelError::Dof {
-            expected: 5,
-            actual: 6,
-            ..
-        })
-    ));
-
+    assert_matches!(small, Err(ModelError::Dof { expected, actual, .. }) if (*expected, *actual) == (5, 6));
     let at = |q_deg: &[f64]| {
         let q_deg = Some(q_deg.to_vec());
         robot.start_posture(&Start {
@@ -501,55 +484,37 @@ fn postures_and_names_are_checked() {
         robot.start_posture(&Start::default()),
         Err(PostureError::Missing)
     );
-    assert!(matches!(named("reddy"), Err(PostureError::Unknown { .. })));
-    let length = at(&[0.0; 3]);
-    assert!(matches!(
-        length,
-        Err(PostureError::Length {
-            actual: 3,
-            expected: 6,
-            ..
-        })
-    ));
+    assert_matches!(named("reddy"), Err(PostureError::Unknown { .. }));
+    let few = at(&[0.0; 3]);
+    assert_matches!(few, Err(PostureError::Length { actual, expected, .. }) if (*actual, *expected) == (3, 6));
     let beyond = at(&[0.0, 0.0, 0.0, 0.0, 170.0, 0.0]);
-    assert!(matches!(beyond, Err(PostureError::OutsideLimits { joint, .. }) if joint == "joint5"));
+    assert_matches!(beyond, Err(PostureError::OutsideLimits { joint, .. }) if joint == "joint5");
     let nowhere = at(&[f64::NAN; 6]);
-    assert!(matches!(nowhere, Err(PostureError::NotFinite { joint, .. }) if joint == "joint1"));
+    assert_matches!(nowhere, Err(PostureError::NotFinite { joint, .. }) if joint == "joint1");
 }
 
 /// A file in degrees or millimetres is read as it stands, and doubted.
 #[test]
 fn limits_in_degrees_and_lengths_in_millimetres_are_doubted() {
     let notes = |z: f64, limit: f64| {
-        let joint = format!(
-            r#"<joint name="j0" type="revolute"><parent link="0"/><child link="1"/><origin xyz="0 0 {z}"/><axis xyz="0 0 1"/>
-            <limit lower="-{limit}" upper="{limit}" effort="9" velocity="1"/></joint>"#
-        );
+        let limit = format!(r#"<limit lower="-{limit}" upper="{limit}" effort="9" velocity="1"/>"#);
+        let joint = joint("revolute", "0-1", &limit).replace("1 0 0", &format!("0 0 {z}"));
         load(&robot("0 1", &[joint]), "").unwrap().notes.len()
     };
-    assert_eq!(
-        [
-            notes(0.3, 3.0),
-            notes(0.3, 170.0),
-            notes(300.0, 3.0),
-            notes(0.3, 1e16)
-        ],
-        [0, 1, 1, 0]
-    );
+    let found = [(0.3, 3.0), (0.3, 170.0), (300.0, 3.0), (0.3, 1e16)];
+    assert_eq!(found.map(|(z, limit)| notes(z, limit)), [0, 1, 1, 0]);
 }
 
 /// An arm that turns about z and bends in a plane: no rotation about x or y is its own wherever it faces.
 #[test]
 fn the_served_axes_do_not_depend_on_where_the_arm_faces() {
     let arm = |axes: &[&str]| {
-        let joint = |k: usize, axis: &str| {
-            format!(
-                r#"<joint name="j{k}" type="revolute"><parent link="{k}"/><child link="{}"/><origin xyz="0 0 0.3"/><axis xyz="{axis}"/>{LIMIT}</joint>"#,
-                k + 1
-            )
+        let joint = |(k, axis): (usize, &&str)| {
+            let joint = turning(&format!("{k}-{}", k + 1));
+            joint.replace("1 0 0", "0 0 0.3").replace("0 0 1", axis)
         };
+        let joints: Vec<_> = axes.iter().enumerate().map(joint).collect();
         let links: Vec<_> = (0..=axes.len()).map(|k| k.to_string()).collect();
-        let joints: Vec<_> = (0..).zip(axes).map(|(k, axis)| joint(k, axis)).collect();
         let robot = load(&robot(&links.join(" "), &joints), "").unwrap();
         (robot.task.0, robot.notes.len())
     };
