@@ -70,7 +70,7 @@ impl<const N: usize> Cycle<N> {
             .all(|values| values.iter().all(|x| x.is_finite()));
         let terms = is_state.then(|| last.at(&self.model, &q, &qdot));
         let command = match wire::report(report) {
-            Ok(report) => law.step(&control::Inputs {
+            Some(report) => law.step(&control::Inputs {
                 tick,
                 q: &q,
                 qdot: &qdot,
@@ -80,7 +80,7 @@ impl<const N: usize> Cycle<N> {
                 terms,
                 target: target.map(|target| &target.target),
             }),
-            Err(_) => law.refuse(&q, &qdot, Refusal::Report),
+            None => law.refuse(&q, &qdot, Refusal::Report),
         };
         wire::command_messages(tick, &command, out.state, out.torque);
         out.torque.tau[self.dof..].fill(0.0);
