@@ -18,11 +18,11 @@ pub struct AtCentre<const N: usize> {
 impl<const N: usize> AtCentre<N> {
     /// v_C = v_E + ω×r, v̇_C = v̇_E + ω̇×r + ω×(ω×r), with r = p_C − p_E.
     ///
-    /// Requires C fixed to E's link and `omega` that link's angular velocity.
+    /// Requires C fixed to E's link, the last one.
     #[must_use]
     #[inline]
-    pub fn new(terms: &Terms<N>, p_BC: &Vector3<f64>, omega: &Vector3<f64>) -> Self {
-        let r = p_BC - terms.X_BE.p;
+    pub fn new(terms: &Terms<N>, p_BC: &Vector3<f64>) -> Self {
+        let (r, omega) = (p_BC - terms.X_BE.p, &terms.omega[N - 1]);
         let (mut J, mut Jdot_qdot) = (terms.J, terms.Jdot_qdot);
         if r != Vector3::zeros() {
             J = displaced(J, &r);
@@ -103,7 +103,7 @@ mod tests {
             let X_ET = Pose::translation(Vector3::new(0.03, -0.02, 0.1));
             let tool = Model::<6>::new(robot("puma560"), None).unwrap().with_tool(&X_ET).evaluate(&q, &qdot);
             let wrist = puma().evaluate(&q, &qdot);
-            let carried = AtCentre::new(&tool, &wrist.X_BE.p, &tool.omega[5]);
+            let carried = AtCentre::new(&tool, &wrist.X_BE.p);
             prop_assert!((carried.J - wrist.J).amax() < 1e-14);
             prop_assert!((carried.Jdot_qdot - wrist.Jdot_qdot).amax() < 1e-13);
         }

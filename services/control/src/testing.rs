@@ -25,7 +25,7 @@ pub(crate) fn standing<T>(name: &str, q: [f64; 6], seen: impl FnOnce(&Now<'_, 6>
         wrist: None,
         report: &report,
         terms: &terms,
-        at: &AtCentre::new(&terms, &report.p_BC, &Vector3::zeros()),
+        at: &AtCentre::new(&terms, &report.p_BC),
         p_EC: &(terms.X_BE.R.transpose() * (report.p_BC - terms.X_BE.p)),
     })
 }

@@ -268,7 +268,7 @@ pub(crate) fn act<const N: usize>(
         wrist,
         report,
         terms,
-        at: &AtCentre::new(terms, &report.p_BC, &terms.omega[N - 1]),
+        at: &AtCentre::new(terms, &report.p_BC),
         p_EC: &(terms.X_BE.R.transpose() * (report.p_BC - terms.X_BE.p)),
     };
     if state.clock.path_s == 0.0 && !state.progress.begun {

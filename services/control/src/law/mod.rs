@@ -218,7 +218,7 @@ impl<const N: usize> Rows<N> {
     #[inline]
     pub fn of(problem: &Problem<'_, N>, engaged: &[Engaged<N>]) -> Result<Self, Refusal> {
         let (J, Jdot_qdot) = (&problem.at.J, &problem.at.Jdot_qdot);
-        let kept = orthogonal_rows::<N>(&problem.task, engaged)?;
+        let kept = orthogonal_rows::<N>(&problem.task, engaged.iter().map(|one| one.zeta_B))?;
         let mut rows = Self {
             J_T: SMatrix::zeros(),
             kept: kept.len(),

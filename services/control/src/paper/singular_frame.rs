@@ -1,6 +1,5 @@
 //! The singular frame: the directions of the task that are orthogonal to the singular ones.
 
-use crate::law::Engaged;
 use crate::types::Refusal;
 use nalgebra::{SVector, Vector3, Vector6};
 
@@ -42,7 +41,7 @@ impl std::ops::Deref for OrthogonalRows {
 #[inline]
 pub fn orthogonal_rows<const N: usize>(
     task: &[bool; 6],
-    engaged: &[Engaged<N>],
+    zetas: impl ExactSizeIterator<Item = Vector6<f64>> + Clone,
 ) -> Result<OrthogonalRows, Refusal> {
     let mut orthogonal = OrthogonalRows {
         rows: [Vector6::zeros(); 6],
@@ -56,8 +55,8 @@ pub fn orthogonal_rows<const N: usize>(
         };
         // Orthonormal directions so far: singular ones first, then those orthogonal to them.
         let mut basis = Basis::<3>::empty();
-        for one in engaged {
-            let zeta = one.zeta_B.fixed_rows::<3>(from);
+        for zeta in zetas.clone() {
+            let zeta = zeta.fixed_rows::<3>(from);
             if zeta.norm_squared() > 0.25 {
                 basis.add(Vector3::from_fn(
                     |k, _| if task[from + k] { zeta[k] } else { 0.0 },
@@ -79,7 +78,7 @@ pub fn orthogonal_rows<const N: usize>(
             orthogonal.push(from, &basis.last());
         }
     }
-    if orthogonal.count + engaged.len() > N {
+    if orthogonal.count + zetas.len() > N {
         return Err(Refusal::Singular);
     }
     Ok(orthogonal)

@@ -11,7 +11,6 @@
 //!
 //! Reduces to the paper's law: within reach δ is zero, and nothing changes.
 
-use crate::law::Engaged;
 use crate::linear::{angular, linear, stack};
 use crate::paper::operational_space::Cholesky;
 use crate::paper::singular_frame::orthogonal_rows;
@@ -63,15 +62,7 @@ impl Boundary {
         if beyond_m == 0.0 {
             return None;
         }
-        let lost = Engaged {
-            zeta_B: s.zeta_B,
-            gain: s.gain,
-            beta: 0.0,
-            aux_row: s.aux_row,
-            aux_acceleration: 0.0,
-            aux_rate: 0.0,
-        };
-        let kept = orthogonal_rows::<N>(task, &[lost]).ok()?;
+        let kept = orthogonal_rows::<N>(task, [s.zeta_B].into_iter()).ok()?;
         let mut E = Matrix6::<f64>::zeros();
         kept.iter()
             .enumerate()

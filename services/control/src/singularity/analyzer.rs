@@ -118,7 +118,7 @@ impl<const N: usize> Analyzer<N> {
     ) -> AtCentre<N> {
         let family = &mut self.family;
         let p_C = family.centre(terms);
-        let at = AtCentre::new(terms, &p_C, &terms.omega[N - 1]);
+        let at = AtCentre::new(terms, &p_C);
         let posture = Posture {
             q,
             qdot,

@@ -174,7 +174,7 @@ impl<const N: usize> Family<N> {
             elbow_apart: matches!(self.form, Form::Elbow(_)),
         };
         let C = self.centre(terms);
-        let at = AtCentre::new(terms, &C, &Vector3::zeros());
+        let at = AtCentre::new(terms, &C);
         let arm = (Screws(at.J), C - S.unwrap_or_default());
         let length_m = robot.length_m;
         Some(Tracker::new(

@@ -5,7 +5,6 @@ use super::geometry::Span;
 use super::screws::Screws;
 use super::turning::turning;
 use crate::centre::AtCentre;
-use crate::law::Engaged;
 use crate::linear::{angular, linear, symmetric_eigen, wrap_angle};
 use crate::paper::singular_frame::{Basis, orthogonal_rows};
 use crate::singularity::analyzer::{Analyzer, RANK_TOLERANCE};
@@ -83,16 +82,8 @@ fn vector<const N: usize>(random: &mut Uniform, size: f64) -> SVector<f64, N> {
 
 /// Rows of a 6-axis task, as a law would keep them beside the auxiliary rows of `engaged`.
 fn kept<const N: usize>(engaged: &[&Singularity<N>]) -> Vec<Vector6<f64>> {
-    let active = |s: &&Singularity<N>| Engaged {
-        zeta_B: s.zeta_B,
-        gain: s.gain,
-        beta: 0.0,
-        aux_row: s.aux_row,
-        aux_acceleration: 0.0,
-        aux_rate: 0.0,
-    };
-    let engaged: Vec<_> = engaged.iter().map(active).collect();
-    orthogonal_rows(&[true; 6], &engaged).unwrap().to_vec()
+    let zetas = engaged.iter().map(|s| s.zeta_B);
+    orthogonal_rows::<N>(&[true; 6], zetas).unwrap().to_vec()
 }
 
 fn finite<const N: usize>(report: &Report<N>) {
@@ -122,7 +113,7 @@ fn guarantees<const N: usize>(arm: &Arm<N>) {
         let [before, now, after] = [-h, 0.0, h].map(|h| arm.moving(&(q + qdot * h), &qdot));
         let at = {
             let terms = arm.model.evaluate(&q, &qdot);
-            AtCentre::new(&terms, &now.p_BC, &terms.omega[N - 1])
+            AtCentre::new(&terms, &now.p_BC)
         };
         for (i, s) in now.listed().iter().enumerate() {
             let (a, b) = (&before.singularities[i], &after.singularities[i]);
@@ -323,7 +314,7 @@ fn minimum<const N: usize>(arm: &Arm<N>, random: &mut Uniform) -> Option<SVector
 /// The rank that is lost is what is listed inside, no two ζ are one, and the auxiliary rows in place of theirs make J regular.
 fn explained<const N: usize>(arm: &Arm<N>, q: &SVector<f64, N>, report: &Report<N>) {
     let terms = arm.model.evaluate(q, &SVector::zeros());
-    let at = AtCentre::new(&terms, &report.p_BC, &terms.omega[N - 1]);
+    let at = AtCentre::new(&terms, &report.p_BC);
     let inside: Vec<_> = report.listed().iter().filter(|s| s.inside).collect();
     let scaled = Screws(at.J).scaled(arm.robot.length_m);
     let sigma = DMatrix::from_column_slice(6, N, scaled.as_slice()).singular_values();

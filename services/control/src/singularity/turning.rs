@@ -35,7 +35,7 @@ pub fn turning<const N: usize>(
     let mut at_posture = |q: &SVector<f64, N>, listed: &mut [Singularity<N>; MAX_SINGULARITIES]| {
         let terms = model.evaluate(q, &zero);
         let p_BC = family.centre(&terms);
-        let at = AtCentre::new(&terms, &p_BC, &terms.omega[N - 1]);
+        let at = AtCentre::new(&terms, &p_BC);
         let posture = Posture {
             q,
             qdot: &zero,

@@ -5,7 +5,7 @@ use crate::law::auxiliary::LEFT;
 use crate::law::force::Pressing;
 use crate::law::{self, Engaged, Problem, Rows};
 use crate::linear::{linear, stack};
-use crate::paper::singular_frame::orthogonal_rows;
+use crate::paper::singular_frame::{OrthogonalRows, orthogonal_rows};
 use crate::singularity::analyzer::Analyzer;
 use crate::testing::{PumaLengths, posture, puma, puma_lengths, robot};
 use crate::types::Report;
@@ -78,7 +78,7 @@ struct Met {
 impl Met {
     fn new(q: &Vector6<f64>, qdot: Vector6<f64>) -> Self {
         let (report, terms) = analysed(puma(), "puma560", q, &qdot);
-        let at = AtCentre::new(&terms, &report.p_BC, &terms.omega[5]);
+        let at = AtCentre::new(&terms, &report.p_BC);
         Self {
             report,
             terms,
@@ -184,10 +184,15 @@ fn the_augmented_matrix_is_regular_everywhere() {
     assert!(smallest > 0.03 && of_J < 1e-6, "{smallest} {of_J}");
 }
 
+/// The directions that are kept.
+fn kept(problem: &Problem<'_, 6>, engaged: &[Engaged<6>]) -> OrthogonalRows {
+    orthogonal_rows::<6>(&problem.task, engaged.iter().map(|one| one.zeta_B)).unwrap()
+}
+
 /// The paper's law in its own form, Γ = J_rᵀΛ_r r + N_T Γ₀, Γ₀ = A·w·(ẍ − ∂x/∂q·J̄_r r) where w moves the auxiliary coordinates by one each and no kept row:
 /// by inverses, with nothing in common with the code. The torque, and its part in the null space.
 fn papers_torque(problem: &Problem<'_, 6>, engaged: &[Engaged<6>]) -> [Vector6<f64>; 2] {
-    let kept = orthogonal_rows::<6>(&problem.task, engaged).unwrap();
+    let kept = kept(problem, engaged);
     let J_r = DMatrix::from_fn(kept.len(), 6, |i, j| problem.at.J.column(j).dot(&kept[i]));
     let aux = DMatrix::from_fn(engaged.len(), 6, |i, j| engaged[i].aux_row[j]);
     let a = problem.a - problem.at.Jdot_qdot;
@@ -333,7 +338,7 @@ fn force_and_motion_are_decoupled() {
         let bearing = Pressing::touching(F).bearing(&met.terms).unwrap();
         let contact = met.terms.J.tr_mul(&F);
         let change = A_inverse * (pressing + bearing + contact - before);
-        let kept = orthogonal_rows::<6>(&problem.task, &engaged).unwrap();
+        let kept = kept(&problem, &engaged);
         let asked = DVector::from_fn(kept.len(), |i, _| 3.0 * linear(&kept[i]).dot(&e));
         let moved = DVector::from_fn(kept.len(), |i, _| kept[i].dot(&(met.at.J * change)));
         kept_least = kept_least.min(asked.norm());
