@@ -10,6 +10,19 @@ pub fn sign(is_positive: bool) -> f64 {
     if is_positive { 1.0 } else { -1.0 }
 }
 
+/// The vector with a one in place `i`, and zeros.
+#[must_use]
+pub fn unit<const N: usize>(i: usize) -> SVector<f64, N> {
+    SVector::from_fn(|k, _| if k == i { 1.0 } else { 0.0 })
+}
+
+/// The largest of |v_i|/limit_i, 0 where there is none.
+#[must_use]
+#[inline]
+pub fn largest_share<const N: usize>(v: &SVector<f64, N>, limits: &SVector<f64, N>) -> f64 {
+    (0..N).fold(0.0, |share, i| share.max(v[i].abs() / limits[i]))
+}
+
 /// How many singular values of an `R`×`C` matrix are above `tolerance` of its norm ‖M‖ = √Σσ².
 ///
 /// They are the eigenvalues of MMᵀ − (tolerance·‖M‖)²·1 above zero, and those are as many as the positive pivots of its factors L·D·Lᵀ: Sylvester's
@@ -282,18 +295,6 @@ pub fn wrap_angle(x: f64) -> f64 {
 #[must_use]
 pub fn wrap_line(x: f64) -> f64 {
     0.5 * wrap_angle(2.0 * x)
-}
-
-/// `v` shortened to at most `length`.
-#[must_use]
-#[inline]
-pub fn clamp_norm(v: Vector3<f64>, length: f64) -> Vector3<f64> {
-    let norm = v.norm();
-    if norm > length {
-        v * (length / norm)
-    } else {
-        v
-    }
 }
 
 #[cfg(test)]

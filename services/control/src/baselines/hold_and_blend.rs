@@ -9,13 +9,13 @@
 //! Beyond the description, in its favour: J̇q̇, gravity and Coriolis are compensated, the error is bounded, and the path has our governor.
 
 use super::Arm;
-use super::resolved_rate::{Inverse, JointMemory, scale};
+use super::resolved_rate::{Inverse, JointMemory};
 use crate::law::Torques;
 use crate::limits::Parts;
 use crate::linear::{rotation_log, sign, stack, symmetric_eigen};
 use crate::reference::bounded;
 use crate::types::Refusal;
-use model::{Model, Pose};
+use model::{Model, Pose, TaskAxes, unit_scaled};
 use nalgebra::{Cholesky, Const, SMatrix, SVector, Vector6};
 use shared_types::scenario::Damping;
 
@@ -116,8 +116,8 @@ pub(crate) fn torques<const N: usize>(
     } = *arm;
     let (terms, task) = (now.terms, &setup.task);
     let [low, high] = setup.scenario.control.baseline.hold_and_blend.blend;
-    let axes = task.iter().filter(|axis| **axis).count().min(N);
-    let split = Split::new(scale(&terms.J, task, 1.0), axes, high);
+    let axes = TaskAxes(*task).count().min(N);
+    let split = Split::new(unit_scaled(&terms.J, 1.0, task), axes, high);
     let relative = relative(arm);
     let A = Cholesky::new(terms.A).ok_or(Refusal::Singular)?;
     let T_ns = split.rows(|i| split.is_regular(i));
@@ -148,8 +148,8 @@ pub(crate) fn torques<const N: usize>(
         onset: 0.08,
         largest: 0.06,
     })
-    .of(&scale(&now.at.J, task, setup.length_m));
-    let scaled = |x: &Vector6<f64>| scale(x, task, setup.length_m);
+    .of(&unit_scaled(&now.at.J, setup.length_m, task));
+    let scaled = |x: &Vector6<f64>| unit_scaled(x, setup.length_m, task);
     Ok(Torques {
         parts: Parts {
             path: SVector::zeros(),
@@ -174,7 +174,7 @@ fn relative<const N: usize>(arm: &Arm<'_, N>) -> Vector6<f64> {
     let error = error_to(&terms.X_BE, &desired.pose());
     let a =
         desired.a + (desired.V - terms.J * now.qdot) * control.k_v + bounded(&error) * control.k_p;
-    scale(&(a - terms.Jdot_qdot), &setup.task, 1.0)
+    unit_scaled(&(a - terms.Jdot_qdot), 1.0, &setup.task)
 }
 
 /// Votes on the type of the singularity; the joints are held where they were at entry, or when the votes for Type 2 were last more.

@@ -47,7 +47,7 @@ use crate::baselines::{self, hold_and_blend, resolved_rate};
 use crate::centre::AtCentre;
 use crate::controller::Setup;
 use crate::limits::Parts;
-use crate::linear::{angular, linear};
+use crate::linear::{angular, largest_share, linear};
 use crate::paper::operational_space::{Operational, null_torque};
 use crate::paper::singular_frame::orthogonal_rows;
 use crate::state::State;
@@ -299,8 +299,6 @@ impl<const N: usize> Torques<N> {
     #[must_use]
     #[inline]
     pub fn speed_share(&self, velocity: &SVector<f64, N>) -> f64 {
-        (0..N).fold(0.0_f64, |share, i| {
-            share.max(self.qdot_nominal[i].abs() / velocity[i])
-        })
+        largest_share(&self.qdot_nominal, velocity)
     }
 }

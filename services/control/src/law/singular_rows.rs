@@ -16,6 +16,7 @@ use crate::singularity::turning::turning;
 use crate::state::State;
 use crate::tick::{Motion, Now};
 use crate::types::{Class, Mode, Refusal, Report, Singularity};
+use model::TaskAxes;
 use nalgebra::{SVector, Vector3, Vector6};
 use shared_types::MAX_SINGULARITIES;
 use shared_types::scenario::Strategy;
@@ -317,7 +318,7 @@ fn by_type<const N: usize>(
 
 /// Whether the listed singularities explain the rank: each takes one direction.
 fn check_rank<const N: usize>(setup: &Setup<N>, report: &Report<N>) -> Result<(), Refusal> {
-    let full = setup.task.iter().filter(|counts| **counts).count().min(N);
+    let full = TaskAxes(setup.task).count().min(N);
     let listed = report.listed().iter().filter(|s| s.inside).count();
     if setup.scenario.control.strategy.is_ours() && (report.rank as usize + listed) < full {
         return Err(Refusal::Unlisted);

@@ -7,6 +7,7 @@
 
 use super::clock::MARGIN;
 use super::{Parts, shares};
+use crate::linear::largest_share;
 use crate::paper::operational_space::Cholesky;
 use crate::types::Refusal;
 use nalgebra::{SMatrix, SVector};
@@ -56,7 +57,7 @@ pub fn held<const N: usize>(
 #[must_use]
 #[inline]
 pub fn demand<const N: usize>(qdot: &SVector<f64, N>, velocity: &SVector<f64, N>) -> f64 {
-    let share = (0..N).fold(0.0_f64, |share, i| share.max(qdot[i].abs() / velocity[i]));
+    let share = largest_share(qdot, velocity);
     if share > MARGIN { share } else { 0.0 }
 }
 

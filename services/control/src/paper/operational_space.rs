@@ -196,6 +196,7 @@ pub fn null_torque<const N: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::linear::unit;
     use crate::testing::{posture, puma, three_r};
     use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
     use proptest::prelude::*;
@@ -209,9 +210,7 @@ mod tests {
     fn matrix<const N: usize>(
         f: impl Fn(&SVector<f64, N>) -> SVector<f64, N>,
     ) -> SMatrix<f64, N, N> {
-        SMatrix::from_columns(&std::array::from_fn::<_, N, _>(|k| {
-            f(&SVector::from_fn(|i, _| if i == k { 1.0 } else { 0.0 }))
-        }))
+        SMatrix::from_columns(&std::array::from_fn::<_, N, _>(|k| f(&unit(k))))
     }
 
     proptest! {

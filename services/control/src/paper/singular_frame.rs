@@ -51,7 +51,7 @@ pub fn orthogonal_rows<const N: usize>(
         let axes = || {
             (0..3)
                 .filter(|k| task[from + k])
-                .map(|k| Vector3::from_fn(|i, _| if i == k { 1.0 } else { 0.0 }))
+                .map(|k| Vector3::ith(k, 1.0))
         };
         // Orthonormal directions so far: singular ones first, then those orthogonal to them.
         let mut basis = Basis::<3>::empty();

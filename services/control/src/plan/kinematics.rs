@@ -2,7 +2,7 @@
 
 use crate::linear::{angular, displaced, linear, served, stack, symmetric_eigen};
 use crate::reference::free_axis::{free_axis, rotation_error};
-use model::{Model, Pose};
+use model::{Model, Pose, TaskAxes};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3, Vector6};
 
 /// Unit-scaled singular value below which a Newton step asks nothing of a direction.
@@ -133,7 +133,7 @@ impl<const N: usize> Kinematics<'_, N> {
             let by_value = values[*a].total_cmp(&values[*b]);
             moves[*a].cmp(&moves[*b]).then(by_value)
         });
-        let rows = self.task.iter().filter(|counts| **counts).count();
+        let rows = TaskAxes(self.task).count();
         Spectrum {
             J,
             // The norm of J·v resolves what the square root of an eigenvalue's rounding would not.
@@ -246,11 +246,6 @@ pub(super) fn lowest((mut low, mut high): (f64, f64), steps: u32, f: impl Fn(f64
         if f(c) < f(d) { high = d } else { low = c }
     }
     0.5 * (low + high)
-}
-
-/// The longest of the times that the joints take for a motion at these speeds, s.
-pub(super) fn slowest<const N: usize>(by: &SVector<f64, N>, speeds: &SVector<f64, N>) -> f64 {
-    (0..N).fold(0.0, |time, i| time.max(by[i].abs() / speeds[i]))
 }
 
 #[cfg(test)]

@@ -36,7 +36,7 @@ use crate::reference::path::{Leg, Progress};
 use crate::singularity::analyzer::Analyzer;
 use crate::types::{Kind, Report};
 use kinematics::Kinematics;
-use model::{Model, Pose};
+use model::{Model, Pose, TaskAxes};
 use nalgebra::{SVector, Vector3};
 use request::{analyse, centre};
 use route::{ADVICE, ARRIVED, Block, Bounds, Effort, Furthest, Knot, STEPS, Search, Stretch};
@@ -217,7 +217,7 @@ fn has_spare_joints<const N: usize>(request: &Request<'_, N>) -> bool {
     // An absent joint moves nothing, and is no spare one.
     let J = request.model.jacobian(&request.q_start);
     let joints = J.column_iter().filter(|column| column.amax() > 0.0).count();
-    joints > request.task.iter().filter(|counts| **counts).count()
+    joints > TaskAxes(request.task).count()
 }
 
 /// The outcome of a search.

@@ -9,7 +9,8 @@ mod self_motion;
 
 use self_motion::AtRest;
 
-use super::kinematics::{Kinematics, LOCKED, PLAIN_DAMPING, SOLVED, Spectrum, lowest, slowest};
+use super::kinematics::{Kinematics, LOCKED, PLAIN_DAMPING, SOLVED, Spectrum, lowest};
+use crate::linear::largest_share;
 use model::Pose;
 use nalgebra::{SVector, Vector6};
 use std::cell::Cell;
@@ -507,7 +508,7 @@ impl<'a, const N: usize> Search<'a, N> {
                 ways.push(drifting(homeward));
             }
             for v in spectrum.spare() {
-                let stride = 0.6 * SPEED * dt / slowest(v, &self.bounds.velocity).max(1e-9);
+                let stride = 0.6 * SPEED * dt / largest_share(v, &self.bounds.velocity).max(1e-9);
                 let by = v * stride.min(0.3);
                 ways.extend([drift + by, drift - by].map(drifting));
             }
@@ -688,7 +689,7 @@ impl<'a, const N: usize> Search<'a, N> {
 
     /// Time that a motion takes, and the price of being near a limit meanwhile.
     fn price(&self, dq: &SVector<f64, N>, dt: f64, q: &SVector<f64, N>) -> f64 {
-        let time = dt.max(slowest(dq, &(self.bounds.velocity * SPEED)));
+        let time = dt.max(largest_share(dq, &(self.bounds.velocity * SPEED)));
         let near = (0..N).fold(0.0_f64, |near, i| {
             let gap = (q[i] - self.bounds.lower[i]).min(self.bounds.upper[i] - q[i]);
             near.max(1.0 - gap / MARGIN)

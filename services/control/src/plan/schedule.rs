@@ -1,9 +1,10 @@
 //! A route with its own clock: when the path waits, and how fast it may go (+).
 
-use super::kinematics::{Kinematics, lowest, slowest};
+use super::kinematics::{Kinematics, lowest};
 use super::request::{Request, analyse, centre};
 use super::route::Knot;
 use crate::limits::{clock, range};
+use crate::linear::largest_share;
 use crate::reference::path::{Leg, Path, Progress, ramped};
 use crate::types::Report;
 use model::Pose;
@@ -181,7 +182,7 @@ impl<const N: usize> PathPlan<N> {
         let (Point { q, slope, u, .. }, velocity) = (self.points[i], request.velocity());
         let next = self.points.get(i + 1);
         let mean = next.map_or(slope, |next| (next.q - q) / (next.u - u));
-        let share = slowest(&slope, &velocity).max(slowest(&mean, &velocity));
+        let share = largest_share(&slope, &velocity).max(largest_share(&mean, &velocity));
         (SCHEDULED / share.max(1e-9)).min(range::stoppable(&q, &slope, request.model))
     }
 
@@ -210,7 +211,7 @@ impl<const N: usize> PathPlan<N> {
         for pair in self.points.windows(2).filter(|pair| pair[1].t > pair[0].t) {
             let by = pair[1].q - pair[0].q;
             if let Some(needed) = needed.get_mut(self.leg_between(&pair[0], &pair[1])) {
-                *needed += slowest(&by, velocity);
+                *needed += largest_share(&by, velocity);
             }
         }
         let clock = |leg: usize| {
@@ -447,7 +448,7 @@ fn timed<const N: usize>(
     // Where a damped step leads past a lock, a route may turn in next to no time: while it does, the path waits.
     let is_instant = |by: f64| by < INSTANT * ends.last().copied().unwrap_or_default();
     let waits = |a: &Knot<N>, b: &Knot<N>| {
-        let (least_s, by) = (slowest(&(b.q - a.q), &velocity), b.t - a.t);
+        let (least_s, by) = (largest_share(&(b.q - a.q), &velocity), b.t - a.t);
         b.waits || is_instant(by) && SLOWEST * least_s > SCHEDULED * by
     };
     // The route begins at its first knot, which waits for nothing.
@@ -461,7 +462,7 @@ fn timed<const N: usize>(
         from += way.len() - 1;
         let (last, knot) = (points[points.len() - 1], way[way.len() - 1]);
         let rests_there = way.iter().skip(1).all(|knot| knot.waits);
-        let is_brief = !rests_there && slowest(&(knot.q - last.q), &velocity) < BRIEF_S;
+        let is_brief = !rests_there && largest_share(&(knot.q - last.q), &velocity) < BRIEF_S;
         if waiting == 0 || is_brief {
             if knot.t - last.t > SHORTEST_S {
                 points.push(point(last.u + knot.t - last.t, knot.t, knot.q));
@@ -507,7 +508,7 @@ fn self_motion<const N: usize>(
     let speeds = request.velocity() * SCHEDULED;
     let lengths = way.windows(2);
     let lengths: Vec<f64> = lengths
-        .map(|pair| slowest(&(pair[1] - pair[0]), &speeds))
+        .map(|pair| largest_share(&(pair[1] - pair[0]), &speeds))
         .collect();
     let whole: f64 = lengths.iter().sum();
     // A ramp accelerates by 1.5 of its rate over its time: to full speed, or half of the way.
@@ -551,7 +552,7 @@ fn inertia<const N: usize>(
     way.windows(2)
         .zip(lengths)
         .fold(0.0, |time, (pair, length)| {
-            time.max(slowest(&(A * (pair[1] - pair[0])), &room) / length.max(1e-9))
+            time.max(largest_share(&(A * (pair[1] - pair[0])), &room) / length.max(1e-9))
         })
 }
 

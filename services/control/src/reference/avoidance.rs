@@ -6,12 +6,13 @@
 //! Reduces to nothing: beyond twice η_out the weight is zero, and the null space has its posture control alone.
 
 use crate::controller::Setup;
-use crate::linear::smoothstep;
+use crate::linear::{smoothstep, unit};
 use crate::paper::operational_space::Cholesky;
 use crate::paper::singular_frame::Basis;
 use crate::singularity::screws::Screws;
 use crate::tick::Now;
 use crate::types::Singularity;
+use model::{TaskAxes, unit_scaled};
 use nalgebra::{SMatrix, SVector};
 use shared_types::bounds::within;
 
@@ -39,7 +40,7 @@ pub(crate) fn away<const N: usize>(
         .skip(first)
         .min_by(|a, b| openness(a).total_cmp(&openness(b)))?;
     let weight = 1.0 - smoothstep(openness(nearest));
-    let rows = task.iter().filter(|counts| **counts).count();
+    let rows = TaskAxes(*task).count();
     if within(weight, 0.0) || rows + 1 != N {
         return None;
     }
@@ -48,20 +49,13 @@ pub(crate) fn away<const N: usize>(
     if open == 0.0 {
         return Some((SVector::zeros(), weight));
     }
-    // The rows of the task, metres made radians; the others are zero.
-    let served = |mut rows: SMatrix<f64, 6, N>| {
-        rows.fixed_rows_mut::<3>(0).scale_mut(1.0 / report.length_m);
-        (0..6)
-            .filter(|k| !task[*k])
-            .for_each(|k| rows.row_mut(k).fill(0.0));
-        rows
-    };
-    let S = served(*J);
+    let scaled = |rows: &SMatrix<f64, 6, N>| unit_scaled(rows, report.length_m, task);
+    let S = scaled(J);
     let mut basis = Basis::<N>::empty();
     for k in (0..6).filter(|k| task[*k]) {
         basis.add(S.row(k).transpose());
     }
-    if !basis.add_best((0..N).map(|k| SVector::from_fn(|j, _| if j == k { 1.0 } else { 0.0 }))) {
+    if !basis.add_best((0..N).map(unit)) {
         return None;
     }
     let n = basis.last();
@@ -70,7 +64,7 @@ pub(crate) fn away<const N: usize>(
     (0..6)
         .filter(|k| !task[*k])
         .for_each(|k| gram[(k, k)] = 1.0);
-    let rate = served(Screws(*J).rate(&n));
+    let rate = scaled(&Screws(*J).rate(&n));
     let growth = Cholesky::new(gram)
         .ok()?
         .solve(&(rate * S.transpose()))

@@ -12,9 +12,7 @@ use nalgebra::{Matrix3, Vector3};
 pub fn free_axis(task: &[bool; 6]) -> Option<Vector3<f64>> {
     let mut free = (0..3).filter(|k| !task[3 + k]);
     let (first, second) = (free.next()?, free.next());
-    second
-        .is_none()
-        .then(|| Vector3::from_fn(|k, _| if k == first { 1.0 } else { 0.0 }))
+    second.is_none().then(|| Vector3::ith(first, 1.0))
 }
 
 /// The rotation vector from `R` to `R_d`; without the share about `free` where there is one. Units rad.

@@ -21,7 +21,7 @@ pub mod turn;
 
 use crate::centre::PoseMotion;
 use crate::controller::Setup;
-use crate::linear::{angular, clamp_norm, linear, stack};
+use crate::linear::{angular, linear, stack};
 use crate::paper::type_2::Turn;
 use crate::state::State;
 use crate::tick::{Motion, Now};
@@ -41,8 +41,8 @@ const DEEP: f64 = 0.25;
 /// A pose error as far as feedback answers to it.
 pub(crate) fn bounded(error: &Vector6<f64>) -> Vector6<f64> {
     stack(
-        &clamp_norm(linear(error), POSITION_ERROR_MAX),
-        &clamp_norm(angular(error), ORIENTATION_ERROR_MAX),
+        &linear(error).cap_magnitude(POSITION_ERROR_MAX),
+        &angular(error).cap_magnitude(ORIENTATION_ERROR_MAX),
     )
 }
 

@@ -3,6 +3,7 @@
 //! Reduces to the paper's law: the plan chooses which way round ζ is turned and predicts the motion; the turn itself is the paper's Type 2 strategy.
 
 use crate::limits::clock::MARGIN;
+use crate::linear::largest_share;
 use crate::paper::type_2::Turn;
 use crate::reference::path::quintic;
 use crate::types::{Refusal, Singularity};
@@ -73,10 +74,8 @@ impl<const N: usize> Room<'_, N> {
 
     /// Duration of a turn whose time law the governor slows down where a rate would exceed its limit: ∫ max(1, demand/0.95) dt, s.
     fn duration_of(&self, angle: f64, by: &SVector<f64, N>, planned_s: f64) -> f64 {
-        let mut share = angle.abs() / self.control.aux_rate_max.largest();
-        for i in 0..N {
-            share = share.max(by[i].abs() / self.model.velocity()[i]);
-        }
+        let share = angle.abs() / self.control.aux_rate_max.largest();
+        let share = share.max(largest_share(by, self.model.velocity()));
         if !self.control.governor {
             return planned_s;
         }

@@ -8,7 +8,7 @@ use crate::linear::{rank, volume};
 use crate::paper::neighborhood::Neighborhood;
 use crate::singularity::family::{Family, Posture};
 use crate::types::{Report, Singularity};
-use model::{Factors, Robot, Terms, unit_scaled};
+use model::{Factors, Robot, TaskAxes, Terms, unit_scaled};
 use nalgebra::{SMatrix, SVector, Vector3, Vector6};
 use shared_types::scenario::Analysis;
 use shared_types::{AnalyzerCheckpoint, MAX_SINGULARITIES};
@@ -182,7 +182,7 @@ fn conditioning<const N: usize>(
 ) {
     let scaled = unit_scaled(J_C, report.length_m, task);
     report.rank = rank(&scaled, RANK_TOLERANCE);
-    let rows = task.iter().filter(|counts| **counts).count();
+    let rows = TaskAxes(*task).count();
     report.det = if N == 6 && rows == 6 {
         closed_form.unwrap_or_else(|| {
             let square = SMatrix::<f64, 6, 6>::from_fn(|i, j| J_E[(i, j)]);
@@ -207,7 +207,7 @@ fn conditioning<const N: usize>(
 
 /// √det JJᵀ of the task's rows; √det JᵀJ where they are more than the joints.
 fn volume_of<const N: usize>(J: &SMatrix<f64, 6, N>, task: &[bool; 6]) -> f64 {
-    let rows = task.iter().filter(|counts| **counts).count();
+    let rows = TaskAxes(*task).count();
     if rows > N {
         let mut columns: [Vector6<f64>; N] =
             std::array::from_fn(|j| Vector6::from_fn(|k, _| if task[k] { J[(k, j)] } else { 0.0 }));

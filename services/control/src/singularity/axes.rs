@@ -89,8 +89,3 @@ pub(super) fn frame(zeta: &Vector3<f64>, towards: &Vector3<f64>) -> Matrix3<f64>
     };
     Matrix3::from_columns(&[*zeta, y, zeta.cross(&y)])
 }
-
-/// The gradient of joint `i`'s position.
-pub(super) fn unit<const N: usize>(i: usize) -> SVector<f64, N> {
-    SVector::from_fn(|k, _| if k == i { 1.0 } else { 0.0 })
-}

@@ -1,9 +1,9 @@
 //! The elbow of any arm with formulas: measure and Type 1 reference from two lengths and the angle between them.
 
-use super::axes::{frame, unit};
+use super::axes::frame;
 use super::family::Posture;
 use crate::centre::PoseMotion;
-use crate::linear::{linear, stack};
+use crate::linear::{linear, stack, unit};
 use crate::paper::type_1::Fold;
 use crate::types::{Class, Kind, Singularity};
 use model::Terms;

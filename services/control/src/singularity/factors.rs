@@ -12,10 +12,10 @@
 //!
 //! Joints are numbered from 1 in the text and from 0 in the code.
 
-use super::axes::{ROUNDED, frame, in_general_position, meeting, shoulder, unit};
+use super::axes::{ROUNDED, frame, in_general_position, meeting, shoulder};
 use super::elbow::{self, Bend};
 use super::family::Posture;
-use crate::linear::{linear, sign, stack};
+use crate::linear::{linear, sign, stack, unit};
 use crate::types::{Class, Kind, Singularity};
 use model::{Robot, Terms};
 use nalgebra::{Matrix3, SVector, Vector3, Vector6};

@@ -2,7 +2,7 @@
 
 use super::screws::Screws;
 use super::tracked_svd::TrackedSvd;
-use crate::linear::{angular, linear, stack};
+use crate::linear::{angular, linear, stack, unit};
 use crate::types::Kind;
 use nalgebra::{SMatrix, SVector, Vector3};
 
@@ -124,7 +124,7 @@ impl<const N: usize> Span<N> {
             count: 0,
         };
         for k in (0..N).filter(|k| !block.has_column(*k)) {
-            span.push(super::axes::unit(k));
+            span.push(unit(k));
         }
         span
     }
@@ -160,7 +160,7 @@ impl<const N: usize> Span<N> {
             let spanned = self.vectors[..self.count].iter().map(|b| b[k] * b[k]);
             let square = 1.0 - spanned.sum::<f64>();
             if square > most + 1e-9 {
-                (best, most) = (super::axes::unit(k), square);
+                (best, most) = (unit(k), square);
             }
         }
         let best = self.residual(best);

@@ -5,7 +5,7 @@
 )]
 
 use super::tracker::unscaled;
-use crate::linear::one_sided_jacobi;
+use crate::linear::{one_sided_jacobi, unit};
 use model::{joints, padded};
 use nalgebra::{SMatrix, SVector, Vector6};
 use shared_types::checkpoints::BlockCheckpoint;
@@ -185,7 +185,7 @@ impl<const N: usize> TrackedSvd<N> {
         let mut best = project(self.v[i]);
         if best.norm_squared() < 0.25 {
             for k in self.columns.0..self.columns.1 {
-                let axis = project(SVector::from_fn(|c, _| if c == k { 1.0 } else { 0.0 }));
+                let axis = project(unit(k));
                 if axis.norm_squared() > best.norm_squared() + 1e-9 {
                     best = axis;
                 }

@@ -30,7 +30,7 @@ use super::family::Posture;
 use super::geometry::{Geometry, Span};
 use super::screws::Screws;
 use super::tracked_svd::{SQUARED_GAP, TrackedSvd};
-use crate::linear::{angular, linear, smoothstep, stack};
+use crate::linear::{angular, linear, smoothstep, stack, unit};
 use crate::paper::neighborhood::Neighborhood;
 use crate::paper::type_2::TURNS;
 use crate::types::{Class, Kind, Singularity};
@@ -249,7 +249,7 @@ impl<const N: usize> Tracker<N> {
                 gain: 1.0,
                 zeta_B: stack(&Vector3::x(), &Vector3::zeros()),
                 R_BS: Matrix3::identity(),
-                aux_row: super::axes::unit(0),
+                aux_row: unit(0),
                 aux_rate: at.qdot[0],
                 ..Singularity::none()
             };

@@ -63,7 +63,7 @@ impl<const N: usize> Search<'_, N> {
         };
         let mut found = vec![];
         for (q, knots) in self.postures_on(from, leg.from_s + t) {
-            let moved = slowest(&(q - start), &(self.bounds.velocity * SPEED));
+            let moved = largest_share(&(q - start), &(self.bounds.velocity * SPEED));
             if let Some(one) = self.push_node(leg, node, knots, &way) {
                 self.nodes[one].cost =
                     parent + STOP_S + 1.875 * moved + self.price(&zero, STOP_S, &q);

@@ -2,7 +2,7 @@
 
 use crate::limits::range::{Fastest, STANDING};
 use crate::limits::torque::Sent;
-use crate::linear::{angular, clamp_norm, linear, rotation_exp, stack};
+use crate::linear::{angular, linear, rotation_exp, stack};
 use crate::state::pose;
 use crate::types::Refusal;
 use model::{Pose, joints, padded};
@@ -191,8 +191,8 @@ impl<const N: usize> TargetState<N> {
     pub fn turn_to(&mut self, V: &Vector6<f64>, session: &Servo, dt: f64) {
         let wanted = (V - self.V) * GAIN;
         let bounded = stack(
-            &clamp_norm(linear(&wanted), session.acceleration_m_s2),
-            &clamp_norm(angular(&wanted), session.acceleration_rad_s2),
+            &linear(&wanted).cap_magnitude(session.acceleration_m_s2),
+            &angular(&wanted).cap_magnitude(session.acceleration_rad_s2),
         );
         self.a += (bounded - self.a) * (dt / (LAG_S + dt));
     }
