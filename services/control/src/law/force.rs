@@ -634,7 +634,7 @@ fn response<const N: usize>(
     terms: &Terms<N>,
     row: &SVector<f64, N>,
 ) -> Result<(SVector<f64, N>, f64), Refusal> {
-    let A = Cholesky::new(terms.A).map_err(|_| Refusal::Singular)?;
+    let A = Cholesky::new(terms.A)?;
     let response = A.solve(row);
     Ok((response, row.dot(&response).max(MOBILITY)))
 }

@@ -271,7 +271,7 @@ pub fn solve<const N: usize>(
     engaged: &[Engaged<N>],
 ) -> Result<Torques<N>, Refusal> {
     let rows = Rows::of(problem, engaged)?;
-    let op = Operational::new(rows.J_T, rows.count, problem.A).map_err(|_| Refusal::Singular)?;
+    let op = Operational::new(rows.J_T, rows.count, problem.A)?;
     let Gamma_0 = null_torque(problem.A, &problem.grad_V_0, problem.k_vq, problem.qdot);
     let [acceleration, path, velocity, feed] =
         std::array::from_fn(|k| rows.sides.row(k).transpose());

@@ -60,8 +60,7 @@ pub(crate) fn apply<const N: usize>(
     let mut parts = torques.parts;
     if control.governs() {
         let (velocity, rate) = (model.velocity(), model.torque_rate());
-        parts = speed::held(&parts, &now.terms.A, now.qdot, velocity, rate)
-            .map_err(|_| Refusal::Singular)?;
+        parts = speed::held(&parts, &now.terms.A, now.qdot, velocity, rate)?;
     }
     let mut bias = now.terms.bias();
     // A reference arm touches nothing.

@@ -47,7 +47,7 @@ pub fn held<const N: usize>(
         let is_up = qdot[i] > 0.0;
         limits[usize::from(is_up)][i] = if is_up { room } else { -room };
     }
-    let A = Cholesky::new(*A).map_err(|_| Refusal::Singular)?;
+    let A = Cholesky::new(*A)?;
     let accelerations = torques.map(|torque| A.solve(torque));
     let [low, high] = &limits;
     Ok(torques.scaled(shares(&SVector::zeros(), &accelerations, [low, high])))

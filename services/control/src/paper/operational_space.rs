@@ -3,23 +3,8 @@
 //! J is any set of rows of full rank: all of the task's where the arm is regular, without the singular ones where it is not. It is kept as Jᵀ in an N×N
 //! matrix, zero beyond the rows there are, so that one size serves every rank and nothing is allocated.
 
+use crate::types::Refusal;
 use nalgebra::{SMatrix, SVector};
-
-/// Why operational-space quantities do not exist.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum OperationalError {
-    /// J A⁻¹ Jᵀ is not positive definite: J has dependent rows.
-    #[error(
-        "row {row} of the Jacobian depends on those before it: drop the singular directions first"
-    )]
-    RankDeficient {
-        /// Index of the row.
-        row: usize,
-    },
-    /// The mass matrix is not positive definite, or not finite.
-    #[error("the mass matrix is not positive definite")]
-    MassMatrix,
-}
 
 /// Share of a row, squared and in the metric of A⁻¹, that must be new against the rows before it; between the 1e-16 of rounding and the 1e-4 of a
 /// regular set of rows.
@@ -37,15 +22,15 @@ impl<const N: usize> Cholesky<N> {
     /// Factors G, of which the lower half is read. Shape N×N · Cost O(N³), no allocation
     ///
     /// # Errors
-    /// Index of the first row that depends on those before it, or is not finite.
+    /// [`Refusal::Singular`] where a row depends on those before it, or is not finite.
     #[inline]
-    pub fn new(mut G: SMatrix<f64, N, N>) -> Result<Self, usize> {
+    pub fn new(mut G: SMatrix<f64, N, N>) -> Result<Self, Refusal> {
         let whole = G.diagonal();
         let mut reciprocals = SVector::zeros();
         for k in 0..N {
             let pivot = G[(k, k)];
             if pivot.is_nan() || pivot <= NEW * whole[k] {
-                return Err(k);
+                return Err(Refusal::Singular);
             }
             reciprocals[k] = 1.0 / pivot.sqrt();
             for i in 0..N {
@@ -112,14 +97,14 @@ impl<const N: usize> Operational<N> {
     /// Shapes Jᵀ N×N, A N×N · Frame: that of J's rows · Cost O(N³), no allocation
     ///
     /// # Errors
-    /// [`OperationalError`] if A or J A⁻¹ Jᵀ has no Cholesky factor.
+    /// [`Refusal::Singular`] where A is not positive definite, or a row of J depends on those before it: leave the singular directions out first.
     #[inline]
     pub fn new(
         J_T: SMatrix<f64, N, N>,
         count: usize,
         A: &SMatrix<f64, N, N>,
-    ) -> Result<Self, OperationalError> {
-        let A = Cholesky::new(*A).map_err(|_| OperationalError::MassMatrix)?;
+    ) -> Result<Self, Refusal> {
+        let A = Cholesky::new(*A)?;
         let half = A.forward(&J_T);
         let mut inverse = half.transpose() * half;
         (count..N).for_each(|i| inverse[(i, i)] = 1.0);
@@ -127,8 +112,7 @@ impl<const N: usize> Operational<N> {
             J_T,
             count,
             A,
-            Lambda_inverse: Cholesky::new(inverse)
-                .map_err(|row| OperationalError::RankDeficient { row })?,
+            Lambda_inverse: Cholesky::new(inverse)?,
         })
     }
 
@@ -266,7 +250,7 @@ mod tests {
         let J_T = Matrix3::new(1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0);
         assert_eq!(
             Operational::new(J_T, 2, &Matrix3::identity()).unwrap_err(),
-            OperationalError::RankDeficient { row: 1 }
+            Refusal::Singular
         );
     }
 }
