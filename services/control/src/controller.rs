@@ -40,15 +40,10 @@ pub(crate) struct Setup<const N: usize> {
 }
 
 impl<const N: usize> Setup<N> {
-    /// The first place of the report from which on the singularities have codimension two or more, so that a self-motion leads around them.
-    pub(crate) fn first_of_higher_codimension(&self) -> Option<usize> {
-        self.family.first_of_higher_codimension()
-    }
-
     /// Whether the singularity at a place of the report has codimension two or more.
     pub(crate) fn has_higher_codimension(&self, place: usize) -> bool {
-        self.first_of_higher_codimension()
-            .is_some_and(|first| place >= first)
+        let first = self.family.first_of_higher_codimension();
+        first.is_some_and(|first| place >= first)
     }
 
     /// Largest auxiliary acceleration, rad/s².

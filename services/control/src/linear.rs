@@ -107,6 +107,91 @@ pub fn volume<const C: usize>(rows: &mut [SVector<f64, C>]) -> f64 {
     volume
 }
 
+/// Directions, orthonormal where [`add`](Self::add) has added them.
+#[derive(Clone, Copy, Debug)]
+pub struct Basis<const D: usize> {
+    vectors: [SVector<f64, D>; D],
+    count: usize,
+}
+
+impl<const D: usize> std::ops::Deref for Basis<D> {
+    type Target = [SVector<f64, D>];
+    fn deref(&self) -> &[SVector<f64, D>] {
+        &self.vectors[..self.count]
+    }
+}
+
+impl<const D: usize> Basis<D> {
+    /// The empty set.
+    #[must_use]
+    pub fn empty() -> Self {
+        Self {
+            vectors: [SVector::zeros(); D],
+            count: 0,
+        }
+    }
+
+    /// Adds `v` as it is, where there is room.
+    #[inline]
+    pub fn push(&mut self, v: SVector<f64, D>) {
+        if self.count < D {
+            self.vectors[self.count] = v;
+            self.count += 1;
+        }
+    }
+
+    /// The part of `v` that is orthogonal to all, by Gram–Schmidt; twice is orthogonal to rounding.
+    #[must_use]
+    #[inline]
+    pub fn residual(&self, mut v: SVector<f64, D>) -> SVector<f64, D> {
+        for b in &**self {
+            v -= b * b.dot(&v);
+        }
+        v
+    }
+
+    /// Adds what is new in `v`; false if nothing is (less than 1e-6 of it), or the set is full.
+    pub fn add(&mut self, v: SVector<f64, D>) -> bool {
+        let (length, residual) = (v.norm(), self.residual(self.residual(v)));
+        let new = residual.norm();
+        if self.count == D || new <= 1e-6 * length || new == 0.0 {
+            return false;
+        }
+        self.push(residual / new);
+        true
+    }
+
+    /// Adds the candidate with the largest new part.
+    pub fn add_best(&mut self, candidates: impl Iterator<Item = SVector<f64, D>>) -> bool {
+        let mut best = SVector::zeros();
+        let mut size = 0.0;
+        for candidate in candidates {
+            let residual = self.residual(self.residual(candidate));
+            if residual.norm_squared() > size {
+                (best, size) = (residual, residual.norm_squared());
+            }
+        }
+        self.add(best)
+    }
+
+    /// The unit vector orthogonal to all that has most of one axis; shorter, down to zeros, where the vectors leave none.
+    #[must_use]
+    pub fn any(&self) -> SVector<f64, D> {
+        // Of an orthonormal set: what it leaves of axis k has the square 1 − Σ b_k².
+        let (mut best, mut most) = (SVector::<f64, D>::zeros(), 0.0);
+        for k in 0..D {
+            let spanned = self.iter().map(|b| b[k] * b[k]);
+            let square = 1.0 - spanned.sum::<f64>();
+            if square > most + 1e-9 {
+                (best, most) = (unit(k), square);
+            }
+        }
+        let best = self.residual(best);
+        let rest = self.residual(best / best.norm().max(1e-12));
+        rest / rest.norm().max(1e-9)
+    }
+}
+
 /// Most rows of [`one_sided_jacobi`].
 const MOST_ROWS: usize = 8;
 
@@ -266,6 +351,18 @@ pub fn linear(twist: &Vector6<f64>) -> Vector3<f64> {
 #[inline]
 pub fn angular(twist: &Vector6<f64>) -> Vector3<f64> {
     twist.fixed_rows::<3>(3).into_owned()
+}
+
+/// The vector of this half of a twist, the other half zero.
+#[must_use]
+#[inline]
+pub fn halves(half: &Vector3<f64>, is_angular: bool) -> Vector6<f64> {
+    let zero = Vector3::zeros();
+    if is_angular {
+        stack(&zero, half)
+    } else {
+        stack(half, &zero)
+    }
 }
 
 /// The parts of a twist or error along the axes that a task serves, zero along the others.

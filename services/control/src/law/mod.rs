@@ -111,7 +111,7 @@ fn bounded_return<const N: usize>(
     motion: &Motion<N>,
 ) -> Vector6<f64> {
     let mut a = motion.a;
-    let Some(first) = setup.first_of_higher_codimension() else {
+    let Some(first) = setup.family.first_of_higher_codimension() else {
         return a;
     };
     for (place, s) in now.report.listed().iter().enumerate().skip(first) {

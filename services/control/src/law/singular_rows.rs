@@ -11,7 +11,7 @@ use crate::paper::type_2;
 use crate::reference::guide::{Guide, WAIT};
 use crate::reference::turn;
 use crate::singularity::family::Situation;
-use crate::singularity::reference::slope as along_zeta;
+use crate::singularity::reference::{roomier, slope as along_zeta};
 use crate::singularity::turning::turning;
 use crate::state::State;
 use crate::tick::{Motion, Now};
@@ -304,10 +304,10 @@ fn by_type<const N: usize>(
             || type_2::target(None),
             |fold| {
                 let side = memory.side;
-                let roomier = || family.roomier(s, at, side);
-                let branch = Some(branch)
-                    .filter(|side| *side != 0)
-                    .unwrap_or_else(roomier);
+                let branch = match branch {
+                    0 => roomier(s, at, side),
+                    branch => branch,
+                };
                 type_1::target(&fold, s.inside, branch, memory)
             },
         ),

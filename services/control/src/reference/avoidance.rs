@@ -6,9 +6,8 @@
 //! Reduces to nothing: beyond twice η_out the weight is zero, and the null space has its posture control alone.
 
 use crate::controller::Setup;
-use crate::linear::{smoothstep, unit};
+use crate::linear::{Basis, smoothstep, unit};
 use crate::paper::operational_space::Cholesky;
-use crate::paper::singular_frame::Basis;
 use crate::singularity::screws::Screws;
 use crate::tick::Now;
 use crate::types::Singularity;
@@ -31,7 +30,8 @@ pub(crate) fn away<const N: usize>(
     now: &Now<'_, N>,
 ) -> Option<(SVector<f64, N>, f64)> {
     let is_ours = setup.scenario.control.strategy.is_ours();
-    let first = setup.first_of_higher_codimension().filter(|_| is_ours)?;
+    let first = setup.family.first_of_higher_codimension();
+    let first = first.filter(|_| is_ours)?;
     let (J, report, task) = (&now.at.J, now.report, &setup.task);
     let openness = |s: &Singularity<N>| (s.s.abs() / s.eta_out - 1.0) / (REACH - 1.0);
     let nearest = report
@@ -58,7 +58,7 @@ pub(crate) fn away<const N: usize>(
     if !basis.add_best((0..N).map(unit)) {
         return None;
     }
-    let n = basis.last();
+    let n = basis[basis.len() - 1];
     // tr J⁺J̇ with J⁺ = Jᵀ(JJᵀ)⁻¹.
     let mut gram = S * S.transpose();
     (0..6)

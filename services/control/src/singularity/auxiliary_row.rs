@@ -11,8 +11,7 @@
 //!
 //! Of types 2 and mixed this is so at the lock only, |s| < [`FOUND`]; beyond it a is turned towards ±m, by which the path is followed.
 
-use super::geometry::Span;
-use crate::linear::{sign, wrap_line};
+use crate::linear::{Basis, sign, wrap_line};
 use crate::paper::neighborhood::Neighborhood;
 use crate::types::Class;
 use nalgebra::{SMatrix, SVector, Vector3};
@@ -50,7 +49,7 @@ impl<const N: usize> Turn<'_, N> {
     pub(super) fn of(
         &self,
         mut a: SVector<f64, N>,
-        others: Option<Span<N>>,
+        others: Option<Basis<N>>,
         zeta_rate: impl Fn(&SVector<f64, N>) -> Vector3<f64>,
     ) -> (SVector<f64, N>, SVector<f64, N>) {
         let mut curvature_b = SVector::<f64, N>::zeros();

@@ -2,7 +2,7 @@
 //!
 //! Everything here works on a copy of the arm, its joints as screws.
 
-use super::geometry::{Geometry, Span};
+use super::geometry::Geometry;
 use super::tracked_svd::TrackedSvd;
 use super::tracker::{Arm, unscaled};
 use crate::linear::symmetric_eigen;
@@ -106,9 +106,9 @@ fn lock<const N: usize>(
     let (steps, longest, zero) = NEWTON;
     for _ in 0..steps {
         let m = svd.v[i] * svd.sigma[i];
-        let mut span = Span::orthogonal_to(svd, i);
+        let mut span = svd.others(i);
         let mut free = [SVector::zeros(); 3];
-        for e in free.iter_mut().take(N - span.count) {
+        for e in free.iter_mut().take(N - span.len()) {
             *e = span.any();
             span.push(*e);
         }
@@ -149,7 +149,7 @@ fn moves_itself<const N: usize>(
         let (next, gone) = screws.moved(&by);
         let there = (next, p + gone);
         svd.track(&geometry.rows(&there.0, &there.1, length_m));
-        let onwards = Span::orthogonal_to(svd, i).residual(by);
+        let onwards = svd.others(i).residual(by);
         (there, onwards / onwards.norm().max(1e-12))
     };
     for _ in 0..steps {

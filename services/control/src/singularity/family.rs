@@ -230,12 +230,6 @@ impl<const N: usize> Family<N> {
         }
     }
 
-    /// The side to which the arm changes at a fold, −1 or +1, where its own `side` has no room; 0: it keeps it.
-    #[must_use]
-    pub fn roomier(&self, s: &Singularity<N>, at: &Situation<'_, N>, side: f64) -> i32 {
-        reference::roomier(s, at, side)
-    }
-
     /// The direction of ζ that the desired motion needs; `None`: ζ is held. Called for Type 2 and mixed only.
     #[must_use]
     pub fn direction(

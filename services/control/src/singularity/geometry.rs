@@ -1,8 +1,7 @@
 //! What the geometry of an arm tells the tracker: the rows whose rank is watched, and the names of singular postures.
 
 use super::screws::Screws;
-use super::tracked_svd::TrackedSvd;
-use crate::linear::{angular, linear, stack, unit};
+use crate::linear::{angular, linear, stack};
 use crate::types::Kind;
 use nalgebra::{SMatrix, SVector, Vector3};
 
@@ -106,65 +105,5 @@ impl Geometry {
         } else {
             [other, Kind::Wrist]
         }
-    }
-}
-
-/// A few orthonormal directions in joint space.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Span<const N: usize> {
-    pub(super) vectors: [SVector<f64, N>; N],
-    pub(super) count: usize,
-}
-
-impl<const N: usize> Span<N> {
-    /// The joints that the arm does not have: their columns of J are zero, and no motion of theirs counts.
-    pub(super) fn of_absent(block: &TrackedSvd<N>) -> Self {
-        let mut span = Self {
-            vectors: [SVector::zeros(); N],
-            count: 0,
-        };
-        for k in (0..N).filter(|k| !block.has_column(*k)) {
-            span.push(unit(k));
-        }
-        span
-    }
-
-    /// The directions orthogonal to Π of direction `i`.
-    pub(super) fn orthogonal_to(svd: &TrackedSvd<N>, i: usize) -> Self {
-        let mut span = Self::of_absent(svd);
-        for j in (0..svd.count).filter(|j| *j != i) {
-            span.push(svd.v[j]);
-        }
-        span
-    }
-
-    pub(super) fn residual(&self, mut v: SVector<f64, N>) -> SVector<f64, N> {
-        for b in &self.vectors[..self.count] {
-            v -= b * b.dot(&v);
-        }
-        v
-    }
-
-    pub(super) fn push(&mut self, v: SVector<f64, N>) {
-        if self.count < N {
-            self.vectors[self.count] = v;
-            self.count += 1;
-        }
-    }
-
-    /// The unit vector orthogonal to all that has most of one joint; shorter, down to zeros, where the vectors leave none.
-    pub(super) fn any(&self) -> SVector<f64, N> {
-        // Of an orthonormal span: what it leaves of joint k has the square 1 − Σ b_k².
-        let (mut best, mut most) = (SVector::<f64, N>::zeros(), 0.0);
-        for k in 0..N {
-            let spanned = self.vectors[..self.count].iter().map(|b| b[k] * b[k]);
-            let square = 1.0 - spanned.sum::<f64>();
-            if square > most + 1e-9 {
-                (best, most) = (unit(k), square);
-            }
-        }
-        let best = self.residual(best);
-        let rest = self.residual(best / best.norm().max(1e-12));
-        rest / rest.norm().max(1e-9)
     }
 }

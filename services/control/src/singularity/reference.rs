@@ -454,7 +454,7 @@ fn room<const N: usize>(side: f64, s: &Singularity<N>, at: &Situation<'_, N>, mo
 }
 
 /// The side of a fold to which the arm changes while it is at the fold, because a joint limit is near on the other: −1 or +1; 0: it keeps its side.
-pub(super) fn roomier<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>, side: f64) -> i32 {
+pub(crate) fn roomier<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>, side: f64) -> i32 {
     let is_narrow = room(side, s, at, ROOM) < ROOM && room(-side, s, at, ROOM) >= ROOM;
     if s.aux.abs() < SIDE_CHANGE && is_narrow {
         -side as i32

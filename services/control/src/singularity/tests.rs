@@ -1,12 +1,11 @@
 //! Properties of the singularities of every arm, by formula and by number.
 
 use super::classify::FOLD;
-use super::geometry::Span;
 use super::screws::Screws;
 use super::turning::turning;
 use crate::centre::AtCentre;
-use crate::linear::{angular, linear, symmetric_eigen, wrap_angle};
-use crate::paper::singular_frame::{Basis, orthogonal_rows};
+use crate::linear::{Basis, angular, linear, symmetric_eigen, wrap_angle};
+use crate::paper::singular_frame::orthogonal_rows;
 use crate::singularity::analyzer::{Analyzer, RANK_TOLERANCE};
 use crate::testing::{PumaLengths, puma_lengths};
 use crate::types::{Class, Kind, Report, Singularity};
@@ -338,12 +337,8 @@ fn explained<const N: usize>(arm: &Arm<N>, q: &SVector<f64, N>, report: &Report<
     for is_angular in [false, true] {
         let mut basis = Basis::<3>::empty();
         for s in inside.iter().filter(|s| s.angular == is_angular) {
-            let count = basis.count();
-            basis.add(s.axis());
-            assert!(
-                basis.count() > count,
-                "two ζ are the same at {q}: {inside:?}"
-            );
+            let is_new = basis.add(s.axis());
+            assert!(is_new, "two ζ are the same at {q}: {inside:?}");
         }
     }
     let mut rows: Vec<SVector<f64, N>> = inside.iter().map(|s| s.aux_row.normalize()).collect();
@@ -630,10 +625,7 @@ fn screws_are_the_models_kinematics() {
 
 #[test]
 fn directions_that_leave_no_other_have_no_nan() {
-    let mut span = Span {
-        vectors: [SVector::<f64, 6>::zeros(); 6],
-        count: 0,
-    };
+    let mut span = Basis::<6>::empty();
     for _ in 0..6 {
         assert!((span.any().norm() - 1.0).abs() < 1e-12);
         span.push(span.any());

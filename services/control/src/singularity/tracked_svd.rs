@@ -5,7 +5,7 @@
 )]
 
 use super::tracker::unscaled;
-use crate::linear::{one_sided_jacobi, unit};
+use crate::linear::{Basis, one_sided_jacobi, unit};
 use model::{joints, padded};
 use nalgebra::{SMatrix, SVector, Vector6};
 use shared_types::checkpoints::BlockCheckpoint;
@@ -57,6 +57,24 @@ impl<const N: usize> TrackedSvd<N> {
     /// Whether joint `k` is one of this block's.
     pub(super) fn has_column(&self, k: usize) -> bool {
         (self.columns.0..self.columns.1).contains(&k)
+    }
+
+    /// The joints that the arm does not have: their columns of J are zero, and no motion of theirs counts.
+    pub(super) fn absent(&self) -> Basis<N> {
+        let mut absent = Basis::empty();
+        for k in (0..N).filter(|k| !self.has_column(*k)) {
+            absent.push(unit(k));
+        }
+        absent
+    }
+
+    /// The directions orthogonal to Π of direction `i`.
+    pub(super) fn others(&self, i: usize) -> Basis<N> {
+        let mut others = self.absent();
+        for j in (0..self.count).filter(|j| *j != i) {
+            others.push(self.v[j]);
+        }
+        others
     }
 
     /// u_i on all six rows, scaled.

@@ -27,10 +27,10 @@ use super::auxiliary_row::{Turn, UNDEFINED};
 use super::axes::frame;
 use super::classify::{Lock, Verdict, classify};
 use super::family::Posture;
-use super::geometry::{Geometry, Span};
+use super::geometry::Geometry;
 use super::screws::Screws;
 use super::tracked_svd::{SQUARED_GAP, TrackedSvd};
-use crate::linear::{angular, linear, smoothstep, stack, unit};
+use crate::linear::{Basis, angular, halves, linear, smoothstep, stack, unit};
 use crate::paper::neighborhood::Neighborhood;
 use crate::paper::type_2::TURNS;
 use crate::types::{Class, Kind, Singularity};
@@ -379,9 +379,9 @@ impl<const N: usize> Tracker<N> {
     }
 
     /// The directions orthogonal to Π of entry `k`: the other directions of its block, tracked ones by their auxiliary rows.
-    fn others(&self, k: usize) -> Span<N> {
+    fn others(&self, k: usize) -> Basis<N> {
         let block = self.entries[k].block;
-        let mut span = Span::of_absent(&self.blocks[block]);
+        let mut span = self.blocks[block].absent();
         for j in 0..self.blocks[block].count {
             match self.tracks(block, j) {
                 None => span.push(self.blocks[block].v[j]),
@@ -395,7 +395,7 @@ impl<const N: usize> Tracker<N> {
     /// Carries every a of a block to the new posture: beyond η_out it is v, else the old one without what has left Π.
     fn carry(&mut self, block: usize) {
         let svd = &self.blocks[block];
-        let mut span = Span::of_absent(svd);
+        let mut span = svd.absent();
         for j in (0..svd.count).filter(|j| self.tracks(block, *j).is_none()) {
             span.push(svd.v[j]);
         }
@@ -765,16 +765,6 @@ pub(super) fn unscaled(u: &Vector6<f64>, length_m: f64) -> Vector6<f64> {
     let mut a = *u;
     a.fixed_rows_mut::<3>(0).scale_mut(1.0 / length_m);
     a
-}
-
-/// The vector of this half, the other half zero.
-fn halves(half: &Vector3<f64>, is_angular: bool) -> Vector6<f64> {
-    let zero = Vector3::zeros();
-    if is_angular {
-        stack(&zero, half)
-    } else {
-        stack(half, &zero)
-    }
 }
 
 fn half_of(u: &Vector6<f64>, is_angular: bool) -> Vector3<f64> {

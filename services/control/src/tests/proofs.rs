@@ -4,8 +4,8 @@ use crate::centre::AtCentre;
 use crate::law::auxiliary::LEFT;
 use crate::law::force::Pressing;
 use crate::law::{self, Engaged, Problem, Rows};
-use crate::linear::{linear, stack};
-use crate::paper::singular_frame::{OrthogonalRows, orthogonal_rows};
+use crate::linear::{Basis, linear, stack};
+use crate::paper::singular_frame::orthogonal_rows;
 use crate::singularity::analyzer::Analyzer;
 use crate::testing::{PumaLengths, posture, puma, puma_lengths, robot};
 use crate::types::Report;
@@ -185,7 +185,7 @@ fn the_augmented_matrix_is_regular_everywhere() {
 }
 
 /// The directions that are kept.
-fn kept(problem: &Problem<'_, 6>, engaged: &[Engaged<6>]) -> OrthogonalRows {
+fn kept(problem: &Problem<'_, 6>, engaged: &[Engaged<6>]) -> Basis<6> {
     orthogonal_rows::<6>(&problem.task, engaged.iter().map(|one| one.zeta_B)).unwrap()
 }
 
