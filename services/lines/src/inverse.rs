@@ -1,7 +1,7 @@
 //! A PUMA's lengths, and its closed-form inverse kinematics.
 
-use control::linear::{rotation_exp, rotation_log, sign, wrap_angle};
-use model::{Model, Pose, Terms};
+use control::linear::{rotation_exp, rotation_log, wrap_angle};
+use model::{Model, Pose};
 use nalgebra::{Matrix3, SVector, Vector3};
 
 /// The lengths that the factors need, modified DH with Craig's zero.
@@ -33,108 +33,53 @@ impl PumaLengths {
     }
 }
 
-/// The first three joints' inverse kinematics, on the sides of shoulder and elbow where the arm is. Frame base axes; m, rad.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Forearm {
-    puma: PumaLengths,
-    /// Base axes with the arm's plane as x, z2 as y and the waist axis as z: rows.
-    axes: Matrix3<f64>,
-    shoulder: Vector3<f64>,
-    /// Distance of the arm's plane from the waist axis, m.
-    offset: f64,
-    /// Sides of shoulder and elbow, ±1.
-    sides: [f64; 2],
-}
-
-/// The forearm at one place of the wrist centre.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct PlacedForearm {
-    /// Turn of the waist from where it is now, q2 and θ, rad.
-    pub(crate) angles: [f64; 3],
-    /// Whether the place is within reach.
-    pub(crate) within_reach: bool,
-}
-
-impl Forearm {
-    /// The forearm of the posture in `terms`, wrist centre at `p_C`, base axes, m.
-    #[must_use]
-    pub(crate) fn new<const N: usize>(
-        puma: &PumaLengths,
-        q: &SVector<f64, N>,
-        terms: &Terms<N>,
-        p_C: &Vector3<f64>,
-    ) -> Self {
-        let (z1, z2) = (terms.z[0], terms.z[1]);
-        let x = z2.cross(&z1);
-        // The point at which the waist axis meets the shoulder axis.
-        let S = terms.p[0] + z1 * (terms.p[1] - terms.p[0]).dot(&z1);
-        let p = p_C - S;
-        let sides = [sign(p.dot(&x) >= 0.0), sign(puma.theta(q[2]) >= 0.0)];
-        Self {
-            puma: *puma,
-            axes: Matrix3::from_rows(&[x.transpose(), z2.transpose(), z1.transpose()]),
-            shoulder: S,
-            offset: p.dot(&z2),
-            sides,
-        }
-    }
-
-    /// The forearm for a place of the wrist centre.
-    ///
-    /// Units m · Frame `p` in base axes, from the base's origin · Ensures finite angles: a place beyond reach is moved to the boundary, which
-    /// `within_reach` of the result tells · Errors none · Cost O(1), no allocation
-    #[must_use]
-    pub(crate) fn at(&self, p: &Vector3<f64>) -> PlacedForearm {
-        let [a2, L3, d] = [self.puma.a2, self.puma.L3, self.offset];
-        let p = self.axes * (p - self.shoulder);
-        let r2 = p.x * p.x + p.y * p.y;
-        let R = self.sides[0] * (r2 - d * d).max(0.0).sqrt();
-        let turn = wrap_angle(libm::atan2(p.y, p.x) - libm::atan2(d, R));
-        let needed = (R * R + p.z * p.z - a2 * a2 - L3 * L3) / (2.0 * a2 * L3);
-        let cos = needed.clamp(-1.0, 1.0);
-        let theta = self.sides[1] * libm::acos(cos);
-        let (K, M) = (
-            a2 + L3 * cos,
-            -L3 * self.sides[1] * (1.0 - cos * cos).sqrt(),
-        );
-        let q2 = libm::atan2(R * M - p.z * K, R * K + p.z * M);
-        // A place exactly on the boundary is within reach: rounding is not a distance.
-        let within_reach = r2 >= d * d - 1e-12 && needed.abs() <= 1.0 + 1e-12;
-        PlacedForearm {
-            angles: [turn, q2, theta],
-            within_reach,
-        }
-    }
-
-    /// The same on chosen sides of shoulder and elbow, ±1.
-    #[must_use]
-    pub(crate) fn on(&self, sides: [f64; 2]) -> Self {
-        Self { sides, ..*self }
-    }
-}
-
-/// Closed-form inverse kinematics of a PUMA at its wrist centre.
+/// Closed-form inverse kinematics of a PUMA at its wrist centre. Frame base axes; m, rad.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PumaInverse<'a> {
     /// The arm.
     pub(crate) model: &'a Model<6>,
     /// Its lengths.
     pub(crate) lengths: PumaLengths,
-    /// The first three joints, from the posture q = 0.
-    forearm: Forearm,
+    /// Base axes with the arm's plane in the posture q = 0 as x, z2 as y and the waist axis as z: rows.
+    axes: Matrix3<f64>,
+    shoulder: Vector3<f64>,
+    /// Distance of the arm's plane from the waist axis, m.
+    offset: f64,
 }
 
 impl<'a> PumaInverse<'a> {
     /// The inverse kinematics of `model`, whose frame E is at the wrist centre.
     #[must_use]
     pub(crate) fn new(model: &'a Model<6>, lengths: PumaLengths) -> Self {
-        let zero = SVector::zeros();
-        let terms = model.evaluate(&zero, &zero);
+        let terms = model.evaluate(&SVector::zeros(), &SVector::zeros());
+        let (z1, z2) = (terms.z[0], terms.z[1]);
+        let x = z2.cross(&z1);
+        // The point at which the waist axis meets the shoulder axis.
+        let S = terms.p[0] + z1 * (terms.p[1] - terms.p[0]).dot(&z1);
         Self {
             model,
             lengths,
-            forearm: Forearm::new(&lengths, &zero, &terms, &terms.p[4]),
+            axes: Matrix3::from_rows(&[x.transpose(), z2.transpose(), z1.transpose()]),
+            shoulder: S,
+            offset: (terms.p[4] - S).dot(&z2),
         }
+    }
+
+    /// The first three joints, rad, that put the wrist centre at `p`, m, on these sides of shoulder and elbow, ±1; `None` beyond reach.
+    fn forearm(&self, p: &Vector3<f64>, [shoulder, elbow]: [f64; 2]) -> Option<[f64; 3]> {
+        let [a2, L3, d] = [self.lengths.a2, self.lengths.L3, self.offset];
+        let p = self.axes * (p - self.shoulder);
+        let r2 = p.x * p.x + p.y * p.y;
+        let R = shoulder * (r2 - d * d).max(0.0).sqrt();
+        let q1 = wrap_angle(libm::atan2(p.y, p.x) - libm::atan2(d, R));
+        let needed = (R * R + p.z * p.z - a2 * a2 - L3 * L3) / (2.0 * a2 * L3);
+        let cos = needed.clamp(-1.0, 1.0);
+        let (K, M) = (a2 + L3 * cos, -L3 * elbow * (1.0 - cos * cos).sqrt());
+        let q2 = libm::atan2(R * M - p.z * K, R * K + p.z * M);
+        let q3 = self.lengths.q3_stretched + elbow * libm::acos(cos);
+        // A place exactly on the boundary is within reach: rounding is not a distance.
+        let is_within = r2 >= d * d - 1e-12 && needed.abs() <= 1.0 + 1e-12;
+        is_within.then_some([q1, q2, q3])
     }
 
     /// q2 that puts the wrist centre at in-plane radius `R`, from the elbow's angle, on the side where `q2` is; `None` beyond reach.
@@ -166,25 +111,15 @@ impl<'a> PumaInverse<'a> {
         X: &Pose,
         near: &SVector<f64, 6>,
     ) -> impl Iterator<Item = SVector<f64, 6>> {
-        let (q_near, X, inverse) = (*near, *X, *self);
+        let (near, X, inverse) = (*near, *X, *self);
         [[1.0, 1.0], [-1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]]
             .into_iter()
-            .flat_map(move |sides| {
-                let placed = inverse.forearm.on(sides).at(&X.p);
-                let mut q = SVector::<f64, 6>::zeros();
-                (q[0], q[1], q[2]) = (
-                    placed.angles[0],
-                    placed.angles[1],
-                    inverse.lengths.q3_stretched + placed.angles[2],
-                );
-                let flips = if placed.within_reach {
-                    &[1.0, -1.0][..]
-                } else {
-                    &[]
-                };
-                flips
-                    .iter()
-                    .filter_map(move |flip| inverse.wrist(q, &X, *flip, &q_near))
+            .filter_map(move |sides| inverse.forearm(&X.p, sides))
+            .flat_map(move |[q1, q2, q3]| {
+                let q = SVector::from([q1, q2, q3, 0.0, 0.0, 0.0]);
+                [1.0, -1.0]
+                    .into_iter()
+                    .filter_map(move |flip| inverse.wrist(q, &X, flip, &near))
             })
     }
 
