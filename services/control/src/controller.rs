@@ -2,8 +2,7 @@
 
 use crate::law::force::Forces;
 use crate::limits::torque::Drives;
-use crate::plan::scenario::Task;
-use crate::plan::{beyond_reach, rehearsal};
+use crate::plan::{Deviation, Request, beyond_reach, rehearsal};
 use crate::reference::guide::Guide;
 use crate::reference::path::Path;
 use crate::reference::posture::Postures;
@@ -146,14 +145,15 @@ impl<const N: usize> Controller<N> {
             guide: Guide::new(None, legs),
             forces,
         };
-        let task = Task {
+        let request = Request {
             model: &setup.model,
             robot,
             scenario,
             path: &setup.path,
             analyzer: &fresh,
-            q_start: &q_start,
+            q_start,
             postures: setup.postures.goals(),
+            allowed: Deviation::of(&scenario.goal),
         };
         let begun = State::begin(&rest, q_start, setup.model.effort());
         let rehearsed = Cell::new(begun);
@@ -161,7 +161,7 @@ impl<const N: usize> Controller<N> {
             let state = rehearsal::followed(&setup, &fresh, q_start, &report, begun);
             state.map(|state| rehearsed.set(state)).is_some()
         };
-        let found = task.route_ahead(&is_followed);
+        let found = request.route_ahead(&is_followed);
         let obstacle = found.as_ref().err().cloned().or(too_strong);
         setup.guide = Guide::new(found.ok().flatten(), legs);
         setup.postures.stay(setup.guide.beyond_reach());

@@ -1,5 +1,6 @@
 //! Inverse kinematics by Newton steps, in units in which a metre and a radian compare (+).
 
+use super::request::Deviation;
 use crate::linear::{angular, displaced, linear, served, stack, symmetric_eigen};
 use crate::reference::free_axis::{free_axis, rotation_error};
 use model::{Model, Pose, TaskAxes};
@@ -225,17 +226,11 @@ impl<const N: usize> Kinematics<'_, N> {
         None
     }
 
-    /// Largest part of a unit-scaled error at C over what is allowed of it at E: position (m) and orientation (rad).
+    /// Largest part of a unit-scaled error at C over what is allowed of it at E.
     #[must_use]
-    pub fn excess(
-        &self,
-        e: &Vector6<f64>,
-        R: &Matrix3<f64>,
-        position_m: f64,
-        orientation_rad: f64,
-    ) -> f64 {
+    pub fn excess(&self, e: &Vector6<f64>, R: &Matrix3<f64>, allowed: &Deviation) -> f64 {
         let at_E = linear(e) * self.length_m - angular(e).cross(&(R * self.p_EC));
-        (at_E.norm() / position_m).max(angular(e).norm() / orientation_rad)
+        (at_E.norm() / allowed.position_m).max(angular(e).norm() / allowed.orientation_rad)
     }
 }
 

@@ -28,7 +28,7 @@ mod route;
 pub(crate) mod scenario;
 mod schedule;
 
-pub use request::{Request, Turning};
+pub use request::{Deviation, Request};
 pub use schedule::{PathPlan, Sample};
 
 use crate::paper::type_1::SIDE_CHANGE;
@@ -36,10 +36,10 @@ use crate::reference::path::{Leg, Progress};
 use crate::singularity::analyzer::Analyzer;
 use crate::types::{Kind, Report};
 use kinematics::Kinematics;
-use model::{Model, Pose, TaskAxes};
+use model::{Model, Pose};
 use nalgebra::{SVector, Vector3};
 use request::{analyse, centre};
-use route::{ADVICE, ARRIVED, Block, Bounds, Effort, Furthest, Knot, STEPS, Search, Stretch};
+use route::{ADVICE, ARRIVED, Block, Effort, Furthest, Knot, STEPS, Search, Stretch};
 
 /// Most layers of a leg.
 pub const LAYERS: usize = 40;
@@ -96,8 +96,8 @@ pub enum Obstacle {
 pub enum Remedy<const N: usize> {
     /// Start in this posture of the same pose, rad.
     Start(SVector<f64, N>),
-    /// Allow so much deviation from the path: m, rad.
-    Allow(f64, f64),
+    /// Allow so much deviation from the path.
+    Allow(Deviation),
 }
 
 /// A remedy for a task that is not feasible, and that `helps`: another posture of the start pose, else more deviation from the path.
@@ -140,12 +140,14 @@ pub fn remedy<const N: usize>(
         (Remedy::Start(*q), there)
     });
     let allowances = ALLOWANCES.map(|factor| {
-        let more = Request {
-            position_m: request.position_m * factor,
-            orientation_rad: request.orientation_rad * factor,
-            ..*request
-        };
-        (Remedy::Allow(more.position_m, more.orientation_rad), more)
+        let allowed = request.allowed.times(factor);
+        (
+            Remedy::Allow(allowed),
+            Request {
+                allowed,
+                ..*request
+            },
+        )
     });
     other_starts
         .chain(allowances)
@@ -217,7 +219,7 @@ fn has_spare_joints<const N: usize>(request: &Request<'_, N>) -> bool {
     // An absent joint moves nothing, and is no spare one.
     let J = request.model.jacobian(&request.q_start);
     let joints = J.column_iter().filter(|column| column.amax() > 0.0).count();
-    joints > TaskAxes(request.task).count()
+    joints > request.robot.task.count()
 }
 
 /// The outcome of a search.
@@ -294,20 +296,13 @@ impl<'a, const N: usize> Route<'a, N> {
         let mut analyzer = request.analyzer.clone();
         let report = analyse(&mut analyzer, model, &q_start);
         let arm = request.kinematics(centre(model, &q_start, &report));
-        let bounds = Bounds {
-            lower: *model.lower(),
-            upper: *model.upper(),
-            velocity: request.velocity(),
-            position_m: request.position_m,
-            orientation_rad: request.orientation_rad,
-        };
         let mut progress = Progress::at(model.forward_kinematics(&q_start));
         path.advance(&mut progress, 0.0, &report);
         let legs = (0..).take_while(|i| path.leg(*i).is_some()).count();
         Self {
             request,
             arm,
-            search: Search::new(arm, bounds, q_start, most),
+            search: Search::new(request, arm, most),
             layer: vec![0],
             begun: progress,
             progress,
@@ -361,8 +356,8 @@ impl<'a, const N: usize> Route<'a, N> {
         self.choose(node);
         let q = self.search.node(node).q;
         // Where ζ cannot be turned the controller reports it when the leg begins.
-        let by =
-            (self.request.turning)(&q, &self.report, place, angle).unwrap_or_else(SVector::zeros);
+        let by = self.request.turning(&q, &self.report, place, angle);
+        let by = by.unwrap_or_else(SVector::zeros);
         let knots = (1..=24).map(|k| {
             let t = leg.duration_s * f64::from(k) / 24.0;
             let x = self.request.path.fraction(&Progress {
@@ -450,7 +445,7 @@ impl<'a, const N: usize> Route<'a, N> {
             return None;
         }
         let error = arm.error(&goal, &pose(far.t - self.from_s));
-        let left = arm.excess(&error, &goal.R, request.position_m, request.orientation_rad);
+        let left = arm.excess(&error, &goal.R, &request.allowed);
         let leaves = self.leaves_reach(leg, &far);
         let obstacle = match far.block {
             _ if left < ARRIVED => Obstacle::Undecided,

@@ -2,21 +2,59 @@
 
 use super::kinematics::Kinematics;
 use crate::reference::path::Path;
+use crate::reference::turn::{self, Room};
 use crate::singularity::analyzer::Analyzer;
+use crate::singularity::turning::turning;
 use crate::types::{Kind, Report, Singularity};
-use model::Model;
+use model::{Model, Robot};
 use nalgebra::{SVector, Vector3};
+use shared_types::scenario::{Goal, Scenario};
 
-/// Joint motion that turns ζ: from a posture, its analysis, the singularity's place and the angle, rad.
-pub type Turning<'a, const N: usize> =
-    dyn Fn(&SVector<f64, N>, &Report<N>, usize, f64) -> Option<SVector<f64, N>> + 'a;
+/// A deviation from a path.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Deviation {
+    /// m.
+    pub position_m: f64,
+    /// rad.
+    pub orientation_rad: f64,
+}
+
+impl Deviation {
+    /// The one that a scenario's goal allows on the way.
+    pub(crate) fn of(goal: &Goal) -> Self {
+        Self {
+            position_m: goal.path_mm * 1e-3,
+            orientation_rad: goal.path_deg.to_radians(),
+        }
+    }
+
+    /// So many times as much.
+    pub(super) fn times(self, factor: f64) -> Self {
+        Self {
+            position_m: self.position_m * factor,
+            orientation_rad: self.orientation_rad * factor,
+        }
+    }
+
+    /// The lesser one of each kind.
+    pub(super) fn at_most(self, other: Self) -> Self {
+        Self {
+            position_m: self.position_m.min(other.position_m),
+            orientation_rad: self.orientation_rad.min(other.orientation_rad),
+        }
+    }
+}
 
 /// The arm, its task, and the bounds of a plan.
 #[derive(Clone, Copy)]
 pub struct Request<'a, const N: usize> {
     /// The arm.
     pub model: &'a Model<N>,
+    /// Its description.
+    pub robot: &'a Robot,
     /// The task.
+    pub scenario: &'a Scenario,
+    /// The task's path.
     pub path: &'a Path,
     /// Where the arm starts, rad.
     pub q_start: SVector<f64, N>,
@@ -24,16 +62,8 @@ pub struct Request<'a, const N: usize> {
     pub postures: &'a [Option<SVector<f64, N>>],
     /// Finds the singularities along the route.
     pub analyzer: &'a Analyzer<N>,
-    /// Joint motion that turns ζ of the singularity in a place by an angle, end-effector held; `None` where there is none within limits.
-    pub turning: &'a Turning<'a, N>,
-    /// Which of the six task axes count.
-    pub task: [bool; 6],
-    /// The length that makes metres and radians comparable, m.
-    pub length_m: f64,
-    /// How far the path may be left, m.
-    pub position_m: f64,
-    /// How far the path may be left, rad.
-    pub orientation_rad: f64,
+    /// How far the path may be left.
+    pub allowed: Deviation,
 }
 
 /// Fastest motion that is planned for a joint whose model states no speed limit, rad/s (m/s for prismatic joints): half a turn a second.
@@ -63,13 +93,28 @@ impl<'a, const N: usize> Request<'a, N> {
         })
     }
 
+    /// Joint motion that turns ζ of the singularity in a place by an angle, rad, end-effector held; `None` where there is none within limits.
+    pub(super) fn turning(
+        &self,
+        q: &SVector<f64, N>,
+        report: &Report<N>,
+        place: usize,
+        angle: f64,
+    ) -> Option<SVector<f64, N>> {
+        let (model, control) = (self.model, &self.scenario.control);
+        let s = report.listed().get(place)?;
+        let motion = |angle: f64| turning(self.analyzer.family(), model, q, s, angle);
+        let turn = turn::plan(s, angle, 1.0, &Room { q, model, control }, motion);
+        Some(turn.ok()?.by)
+    }
+
     /// The kinematics of C, which lies at `p_EC` in the end-effector's axes.
     pub(super) fn kinematics(&self, p_EC: Vector3<f64>) -> Kinematics<'a, N> {
         Kinematics {
             model: self.model,
             p_EC,
-            task: self.task,
-            length_m: self.length_m,
+            task: self.robot.task.0,
+            length_m: self.robot.length_m,
         }
     }
 }

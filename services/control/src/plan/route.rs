@@ -10,6 +10,7 @@ mod self_motion;
 use self_motion::AtRest;
 
 use super::kinematics::{Kinematics, LOCKED, PLAIN_DAMPING, SOLVED, Spectrum, lowest};
+use super::request::{Deviation, Request};
 use crate::linear::largest_share;
 use model::Pose;
 use nalgebra::{SVector, Vector6};
@@ -50,8 +51,12 @@ const NEAR: f64 = 0.2;
 const DAMPING: f64 = 0.03;
 const STRONG_DAMPING: f64 = 0.1;
 const DAMPING_PER_RAD: f64 = 3.0;
-/// Largest deviation of the plain continuation as a share of what the user allows, and at most, m and rad.
-const PLAIN: (f64, f64, f64) = (0.02, 2e-5, 2e-4);
+/// Largest deviation of the plain continuation as a share of what the user allows, and at most.
+const PLAIN: f64 = 0.02;
+const PLAIN_MOST: Deviation = Deviation {
+    position_m: 2e-5,
+    orientation_rad: 2e-4,
+};
 /// Share of the deviation allowed that a route takes at its knots, and half-way between. The law follows only the auxiliary coordinate of a route and
 /// keeps the path in every other direction: the arm deviates less than the damped postures do.
 const LEFT: (f64, f64) = (1.0, 1.2);
@@ -120,18 +125,6 @@ pub(super) struct Node<const N: usize> {
     is_locked: bool,
     /// From the parent's posture to this one, the parent's not included.
     knots: Vec<Knot<N>>,
-}
-
-/// Bounds of a search.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Bounds<const N: usize> {
-    pub(super) lower: SVector<f64, N>,
-    pub(super) upper: SVector<f64, N>,
-    pub(super) velocity: SVector<f64, N>,
-    /// How far the path may be left, m.
-    pub(super) position_m: f64,
-    /// How far the path may be left, rad.
-    pub(super) orientation_rad: f64,
 }
 
 /// One leg as the search sees it.
@@ -240,8 +233,10 @@ impl<const N: usize> Way<N> {
 
 /// The search and all postures it found.
 pub(super) struct Search<'a, const N: usize> {
+    request: Request<'a, N>,
     arm: Kinematics<'a, N>,
-    bounds: Bounds<N>,
+    /// Fastest joint motion that is planned, rad/s.
+    velocity: SVector<f64, N>,
     nodes: Vec<Node<N>>,
     pub(super) furthest: Option<Furthest<N>>,
     /// Steps taken in the present leg, and in those before it.
@@ -261,12 +256,8 @@ pub(super) struct Search<'a, const N: usize> {
 }
 
 impl<'a, const N: usize> Search<'a, N> {
-    pub(super) fn new(
-        arm: Kinematics<'a, N>,
-        bounds: Bounds<N>,
-        q_start: SVector<f64, N>,
-        most: u32,
-    ) -> Self {
+    pub(super) fn new(request: Request<'a, N>, arm: Kinematics<'a, N>, most: u32) -> Self {
+        let q_start = request.q_start;
         let start = Node {
             parent: None,
             q: q_start,
@@ -278,7 +269,8 @@ impl<'a, const N: usize> Search<'a, N> {
         };
         Self {
             arm,
-            bounds,
+            velocity: request.velocity(),
+            request,
             nodes: vec![start],
             furthest: None,
             spent: Cell::new(0),
@@ -290,6 +282,12 @@ impl<'a, const N: usize> Search<'a, N> {
             clear: CLEAR,
             passes_locks: Cell::new(false),
         }
+    }
+
+    /// The joints' lower and upper limits, rad (m).
+    fn range(&self) -> (&'a SVector<f64, N>, &'a SVector<f64, N>) {
+        let model = self.request.model;
+        (model.lower(), model.upper())
     }
 
     /// Whether a way on has been left out, so that a dead end proves nothing: by the budget, by the most postures of a layer, by the longest
@@ -508,13 +506,13 @@ impl<'a, const N: usize> Search<'a, N> {
                 ways.push(drifting(homeward));
             }
             for v in spectrum.spare() {
-                let stride = 0.6 * SPEED * dt / largest_share(v, &self.bounds.velocity).max(1e-9);
+                let stride = 0.6 * SPEED * dt / largest_share(v, &self.velocity).max(1e-9);
                 let by = v * stride.min(0.3);
                 ways.extend([drift + by, drift - by].map(drifting));
             }
         }
         if spectrum.smallest() < NEAR {
-            let strong = STRONG_DAMPING.max(DAMPING_PER_RAD * self.bounds.orientation_rad);
+            let strong = STRONG_DAMPING.max(DAMPING_PER_RAD * self.request.allowed.orientation_rad);
             ways.extend([DAMPING, strong].map(damped));
         }
         ways
@@ -577,9 +575,10 @@ impl<'a, const N: usize> Search<'a, N> {
         if spectrum.free == 0 {
             return SVector::zeros();
         }
+        let (lower, upper) = self.range();
         let inwards = SVector::<f64, N>::from_fn(|i, _| {
             let part = |gap: f64| ((2.0 * MARGIN - gap) / (2.0 * MARGIN)).max(0.0);
-            part(q[i] - self.bounds.lower[i]) - part(self.bounds.upper[i] - q[i])
+            part(q[i] - lower[i]) - part(upper[i] - q[i])
         });
         spectrum.null_part(&inwards) * dt
     }
@@ -689,9 +688,10 @@ impl<'a, const N: usize> Search<'a, N> {
 
     /// Time that a motion takes, and the price of being near a limit meanwhile.
     fn price(&self, dq: &SVector<f64, N>, dt: f64, q: &SVector<f64, N>) -> f64 {
-        let time = dt.max(largest_share(dq, &(self.bounds.velocity * SPEED)));
+        let time = dt.max(largest_share(dq, &(self.velocity * SPEED)));
+        let (lower, upper) = self.range();
         let near = (0..N).fold(0.0_f64, |near, i| {
-            let gap = (q[i] - self.bounds.lower[i]).min(self.bounds.upper[i] - q[i]);
+            let gap = (q[i] - lower[i]).min(upper[i] - q[i]);
             near.max(1.0 - gap / MARGIN)
         });
         // A route of less joint motion is better where the time is the same.
@@ -699,11 +699,9 @@ impl<'a, const N: usize> Search<'a, N> {
     }
 
     fn outside(&self, q: &SVector<f64, N>, from: &SVector<f64, N>) -> Option<Block> {
+        let (lower, upper) = self.range();
         (0..N).find_map(|i| {
-            let (low, high) = (
-                self.bounds.lower[i] + self.clear,
-                self.bounds.upper[i] - self.clear,
-            );
+            let (low, high) = (lower[i] + self.clear, upper[i] - self.clear);
             // A start posture may lie on a limit: from there inwards.
             let out = q[i] < low && q[i] < from[i] || q[i] > high && q[i] > from[i];
             out.then_some(Block::Limit {
@@ -799,12 +797,7 @@ impl<'a, const N: usize> Search<'a, N> {
 
     /// By how much an error leaves the path, over what is allowed.
     fn excess(&self, e: &Vector6<f64>, X: &Pose) -> f64 {
-        let Bounds {
-            position_m,
-            orientation_rad,
-            ..
-        } = self.bounds;
-        self.arm.excess(e, &X.R, position_m, orientation_rad)
+        self.arm.excess(e, &X.R, &self.request.allowed)
     }
 
     /// Whether an error at a knot counts as none.
@@ -812,13 +805,8 @@ impl<'a, const N: usize> Search<'a, N> {
         match fit {
             Fit::Exact => e.norm() < 1e-7,
             Fit::Plain => {
-                let Bounds {
-                    position_m,
-                    orientation_rad,
-                    ..
-                } = self.bounds;
-                let (m, rad) = (PLAIN.0 * position_m, PLAIN.0 * orientation_rad);
-                self.arm.excess(e, &X.R, m.min(PLAIN.1), rad.min(PLAIN.2)) < 1.0
+                let most = self.request.allowed.times(PLAIN).at_most(PLAIN_MOST);
+                self.arm.excess(e, &X.R, &most) < 1.0
             }
             Fit::Lax => self.excess(e, X) < LEFT.0,
         }

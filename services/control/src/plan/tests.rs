@@ -41,11 +41,12 @@ fn assert_followed<const N: usize>(
         q_start,
         postures: &[],
         analyzer: &analyzer,
-        turning: &|_, _, _, _| None,
-        task: robot.task.0,
-        length_m: robot.length_m,
-        position_m: 1e-3,
-        orientation_rad: 0.5_f64.to_radians(),
+        robot: &robot,
+        scenario: &scenario,
+        allowed: Deviation {
+            position_m: 1e-3,
+            orientation_rad: 0.5_f64.to_radians(),
+        },
     };
     let plan = plan(&request, &|| false).unwrap().unwrap();
     assert_eq!(plan.legs(), 1);

@@ -17,8 +17,8 @@ const STEERED: f64 = 0.04;
 #[derive(Clone, Debug)]
 pub(crate) struct Postures<const N: usize> {
     q_start: SVector<f64, N>,
-    /// Posture goal of each leg, rad.
-    goals: Vec<SVector<f64, N>>,
+    /// Posture goal of each leg, rad; `None`: that of the start.
+    goals: Vec<Option<SVector<f64, N>>>,
     /// Whether the scenario commands any of them.
     commanded: bool,
     /// Whether the run is steered.
@@ -37,14 +37,11 @@ impl<const N: usize> Postures<N> {
         scenario: &Scenario,
         q_start: SVector<f64, N>,
     ) -> Result<Self, SetupError> {
-        let commanded = scenario
-            .segment
-            .iter()
-            .any(|segment| segment.posture().is_some());
+        let goals = posture_goals(robot, scenario)?;
         Ok(Self {
             q_start,
-            goals: posture_goals(robot, scenario, &q_start)?,
-            commanded,
+            commanded: goals.iter().any(Option::is_some),
+            goals,
             steered: scenario.servo.is_some(),
             attracts: !scenario.control.strategy.follows_paths(),
         })
@@ -55,8 +52,8 @@ impl<const N: usize> Postures<N> {
         self.q_start = q_start;
     }
 
-    /// Posture goal of each leg, rad.
-    pub(crate) fn goals(&self) -> &[SVector<f64, N>] {
+    /// Posture goal of each leg that has one, rad.
+    pub(crate) fn goals(&self) -> &[Option<SVector<f64, N>>] {
         &self.goals
     }
 
@@ -71,7 +68,7 @@ impl<const N: usize> Postures<N> {
         self.goals
             .iter_mut()
             .skip(leg.saturating_sub(1))
-            .for_each(|goal| *goal = q);
+            .for_each(|goal| *goal = Some(q));
     }
 
     /// ∇V₀ of Eq. 5, rad/s²: towards the planned posture, else the commanded one, and near a lost direction around it.
@@ -101,14 +98,21 @@ impl<const N: usize> Postures<N> {
 
     /// The goal, as far as the leg's own time law has come.
     fn at(&self, setup: &Setup<N>, state: &State<N>) -> SVector<f64, N> {
-        let leg = state.progress.leg;
-        let Some(goal) = self.goals.get(leg) else {
-            return *self.goals.last().unwrap_or(&self.q_start);
+        let (leg, legs) = (state.progress.leg, self.goals.len());
+        let goal = |leg: usize| {
+            self.goals
+                .get(leg)
+                .copied()
+                .flatten()
+                .unwrap_or(self.q_start)
         };
-        if self.attracts {
-            return *goal;
+        if leg >= legs {
+            return goal(legs.saturating_sub(1));
         }
-        let from = leg.checked_sub(1).map_or(&self.q_start, |i| &self.goals[i]);
-        from + (goal - from) * setup.path.ramp(&state.progress)
+        if self.attracts {
+            return goal(leg);
+        }
+        let from = leg.checked_sub(1).map_or(self.q_start, goal);
+        from + (goal(leg) - from) * setup.path.ramp(&state.progress)
     }
 }

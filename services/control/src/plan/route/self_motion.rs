@@ -63,7 +63,7 @@ impl<const N: usize> Search<'_, N> {
         };
         let mut found = vec![];
         for (q, knots) in self.postures_on(from, leg.from_s + t) {
-            let moved = largest_share(&(q - start), &(self.bounds.velocity * SPEED));
+            let moved = largest_share(&(q - start), &(self.velocity * SPEED));
             if let Some(one) = self.push_node(leg, node, knots, &way) {
                 self.nodes[one].cost =
                     parent + STOP_S + 1.875 * moved + self.price(&zero, STOP_S, &q);
@@ -167,10 +167,10 @@ impl<const N: usize> Search<'_, N> {
     /// Whether a self-motion is back where it began after `k` strides: a full turn is another posture where a joint has limits.
     fn comes_round(&self, at: &SVector<f64, N>, from: &SVector<f64, N>, k: u32) -> bool {
         use std::f64::consts::TAU;
-        let by = at - from;
+        let (by, (lower, upper)) = (at - from, self.range());
         k > 5
             && (0..N).all(|i| {
-                let is_endless = self.bounds.upper[i] - self.bounds.lower[i] > 1e3;
+                let is_endless = upper[i] - lower[i] > 1e3;
                 let turns = if is_endless {
                     libm::round(by[i] / TAU)
                 } else {
