@@ -300,19 +300,16 @@ fn by_type<const N: usize>(
         memory.side = sign(s.across() >= 0.0);
     }
     match s.class {
-        Class::Type1 => family.fold(s, at).map_or_else(
-            || type_2::target(None),
-            |fold| {
-                let side = memory.side;
-                let branch = match branch {
-                    0 => roomier(s, at, side),
-                    branch => branch,
-                };
-                type_1::target(&fold, s.inside, branch, memory)
-            },
-        ),
-        Class::Type2 | Class::Mixed => type_2::target(family.direction(s, at, memory)),
-        Class::Unknown => type_2::target(None),
+        Class::Type1 => family.fold(s, at).map_or_else(type_2::held, |fold| {
+            let side = memory.side;
+            let branch = match branch {
+                0 => roomier(s, at, side),
+                branch => branch,
+            };
+            type_1::target(&fold, s.inside, branch, memory)
+        }),
+        Class::Type2 | Class::Mixed => family.direction(s, at, memory).unwrap_or_else(type_2::held),
+        Class::Unknown => type_2::held(),
     }
 }
 

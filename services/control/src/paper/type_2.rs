@@ -7,54 +7,13 @@ use nalgebra::{SVector, Vector3};
 /// Turning rate of ζ per null motion, rad per rad, below which it cannot be turned.
 pub const TURNS: f64 = 0.05;
 
-/// The auxiliary angle at which ζ_i leaves the desired motion feasible.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Direction {
-    /// Desired minus present angle, rad.
-    pub error: f64,
-    /// Rate of the desired angle, rad/s.
-    pub rate: f64,
-    /// Weight of the error, 0 to 1.
-    pub weight: f64,
-    /// ζ is held off the direction of travel, to pass straight through.
-    pub passing: bool,
-    /// The desired motion hardly depends on ζ: it is held.
-    pub holding: bool,
-    /// The desired pose is beyond reach.
-    pub clipped: bool,
-}
-
-/// ζ_i driven to the direction that the desired motion needs; held where there is none.
+/// ζ_i held constant: the coordinate stays where it is.
 ///
-/// Units rad, rad/s · Ensures zero error and zero rate where `direction` is `None` · Errors none · Source CK95 §4, Type 2 · Cost O(1)
+/// Source CK95 §4, Type 2
 #[must_use]
-pub fn target(direction: Option<Direction>) -> Target {
-    let Some(Direction {
-        error,
-        rate,
-        weight,
-        passing,
-        holding,
-        clipped,
-    }) = direction
-    else {
-        return Target {
-            mode: Mode::Hold,
-            ..Target::default()
-        };
-    };
-    let mode = match (passing, clipped, holding) {
-        (true, ..) => Mode::Pass,
-        (_, true, _) => Mode::Slide,
-        (.., true) => Mode::Hold,
-        _ => Mode::Track,
-    };
+pub fn held() -> Target {
     Target {
-        error,
-        rate,
-        weight,
-        mode,
-        clipped,
+        mode: Mode::Hold,
         ..Target::default()
     }
 }

@@ -18,9 +18,8 @@ use super::screws::Screws;
 use super::tracked_svd::TrackedSvd;
 use super::tracker::{TRACKED, Tracker};
 use crate::centre::{AtCentre, PoseMotion};
-use crate::paper::reference::Memory;
+use crate::paper::reference::{Memory, Target};
 use crate::paper::type_1::Fold;
-use crate::paper::type_2::Direction;
 use crate::reference::path::Ahead;
 use crate::types::{Kind, Singularity};
 use model::{Model, Robot, Terms};
@@ -237,7 +236,7 @@ impl<const N: usize> Family<N> {
         s: &Singularity<N>,
         at: &Situation<'_, N>,
         memory: &mut Memory,
-    ) -> Option<Direction> {
+    ) -> Option<Target> {
         if self.measures_vectors() {
             reference::direction(s, at, self.length_m, memory)
         } else {

@@ -4,10 +4,10 @@ use super::auxiliary_row::FOUND;
 use super::family::Situation;
 use super::tracker::SMALLEST;
 use crate::linear::{angular, linear, rotation_log, sign, smoothstep, wrap_line};
-use crate::paper::reference::Memory;
+use crate::paper::reference::{Memory, Target};
 use crate::paper::type_1::{Fold, SIDE_CHANGE};
-use crate::paper::type_2::Direction;
-use crate::types::{Class, Singularity};
+use crate::paper::type_2;
+use crate::types::{Class, Mode, Singularity};
 use nalgebra::{Vector3, Vector6};
 use shared_types::bounds::within;
 use std::f64::consts::PI;
@@ -109,7 +109,7 @@ pub(super) fn direction<const N: usize>(
     at: &Situation<'_, N>,
     length_m: f64,
     memory: &mut Memory,
-) -> Option<Direction> {
+) -> Option<Target> {
     let (share, times) = if memory.passing { AGAIN } else { (1.0, 1.0) };
     let most = share * if s.angular { LOST.1 } else { LOST.0 };
     let x = s.zeta_B.dot(at.error);
@@ -120,10 +120,11 @@ pub(super) fn direction<const N: usize>(
     let is_bent = s.s < s.eta_out && s.kappa_1.abs() > least;
     let k = if is_bent { -s.kappa_1 } else { 0.0 };
     let strategy = match s.class {
-        Class::Mixed | Class::Type2 if at.clips && slides(s, at, memory) => Some(Direction {
+        Class::Mixed | Class::Type2 if at.clips && slides(s, at, memory) => Some(Target {
             weight: 1.0,
+            mode: Mode::Slide,
             clipped: true,
-            ..Direction::default()
+            ..Target::default()
         }),
         Class::Mixed if is_lost && !is_bent => Some(leave(s, at, memory)),
         Class::Type2 if is_lost && k * x <= 0.0 => aside(s, at, memory),
@@ -134,10 +135,13 @@ pub(super) fn direction<const N: usize>(
         let way = follow(s, at, k, memory);
         // Another direction of Π bends the other way: the path waits until the lock is left along the self-motion.
         let waits = way.clipped && s.class == Class::Mixed && !at.clips;
-        Some(Direction {
-            clipped: way.clipped && !waits,
-            passing: waits,
-            ..way
+        Some(match waits {
+            true => Target {
+                mode: Mode::Pass,
+                clipped: false,
+                ..way
+            },
+            false => way,
         })
     })
 }
@@ -177,7 +181,7 @@ pub(super) fn signed<const N: usize>(
     at: &Situation<'_, N>,
     length_m: f64,
     memory: &mut Memory,
-) -> Option<Direction> {
+) -> Option<Target> {
     let unit = if s.angular { 1.0 } else { length_m };
     let is_fold = s.class == Class::Mixed && s.kappa_1 > FLAT * unit;
     if s.kappa_2 <= STILL && !is_fold {
@@ -202,7 +206,7 @@ fn turned<const N: usize>(
     along: f64,
     unit: f64,
     memory: &mut Memory,
-) -> Direction {
+) -> Target {
     let (zeta, t) = (s.axis(), s.axis().cross(&s.R_BS.column(1)));
     let error = half(s, at.error);
     let ahead = if is_hasty(s, at, &error, (&zeta, &t)) {
@@ -218,10 +222,7 @@ fn turned<const N: usize>(
     let weight = square / (square + least * least);
     let angle = wrap_line(libm::atan2(across, bend));
     let Some(angle) = decided(angle, s, memory) else {
-        return Direction {
-            holding: true,
-            ..Direction::default()
-        };
+        return type_2::held();
     };
     let error = if memory.passage >= BACK {
         angle / kappa_2
@@ -230,12 +231,16 @@ fn turned<const N: usize>(
     };
     let rate = (bend * along - across * half(s, &at.desired.V).dot(&t)) / (square + least * least);
     memory.holding = weight < if memory.holding { 0.5 } else { 0.3 };
-    Direction {
+    Target {
         error,
         rate: rate / kappa_2 * (1.0 - ahead),
         weight,
-        holding: memory.holding,
-        ..Direction::default()
+        mode: if memory.holding {
+            Mode::Hold
+        } else {
+            Mode::Track
+        },
+        ..Target::default()
     }
 }
 
@@ -321,7 +326,7 @@ fn one_sided<const N: usize>(
     along: f64,
     unit: f64,
     memory: &mut Memory,
-) -> Direction {
+) -> Target {
     let (zeta, t) = (s.axis(), s.axis().cross(&s.R_BS.column(1)));
     let e = half(s, at.error);
     let (x, g) = (zeta.dot(&e), s.gain + s.kappa_2 * t.dot(&e));
@@ -336,7 +341,7 @@ fn one_sided<const N: usize>(
     let side = memory.side * sign(!is_other);
     let clipped = square < BEYOND_REACH * unit * unit;
     let damping = FOLD_DAMPING * unit;
-    Direction {
+    Target {
         error: on(side),
         rate: if clipped {
             0.0
@@ -344,9 +349,15 @@ fn one_sided<const N: usize>(
             along * side * root / (root * root + damping * damping * s.kappa_1 / unit)
         },
         weight: 1.0,
+        mode: slid(clipped),
         clipped,
-        ..Direction::default()
+        ..Target::default()
     }
+}
+
+/// The mode of a coordinate that follows the path, or has been `clipped` to the boundary of reach.
+fn slid(clipped: bool) -> Mode {
+    if clipped { Mode::Slide } else { Mode::Track }
 }
 
 /// Whether the goal beyond reach runs away along ζ: no self-motion leads there, and the arm stays at the boundary.
@@ -367,7 +378,7 @@ fn follow<const N: usize>(
     at: &Situation<'_, N>,
     k: f64,
     memory: &mut Memory,
-) -> Direction {
+) -> Target {
     let (x, g) = (s.zeta_B.dot(at.error), slope(s));
     let square = g * g + 2.0 * k * x;
     let root = square.max(0.0).sqrt();
@@ -390,12 +401,13 @@ fn follow<const N: usize>(
         let rate = rate.max(-at.rate_max).min(at.rate_max);
         (2.0 * x * inverse(g + slope), rate)
     };
-    Direction {
+    Target {
         error: error.clamp(-room(-1.0, FOLLOW.1), room(1.0, FOLLOW.1)),
         rate,
         weight: 1.0,
+        mode: slid(clipped),
         clipped,
-        ..Direction::default()
+        ..Target::default()
     }
 }
 
@@ -405,7 +417,7 @@ fn aside<const N: usize>(
     s: &Singularity<N>,
     at: &Situation<'_, N>,
     memory: &mut Memory,
-) -> Option<Direction> {
+) -> Option<Target> {
     if within(s.kappa_2.abs(), ENDS.0) {
         memory.passing = false;
         return None;
@@ -426,13 +438,15 @@ fn aside<const N: usize>(
     };
     memory.passing = angle.abs() * weight > if memory.passing { 0.3 } else { 1.0 } * AWAY.0;
     memory.holding = weight < if memory.holding { 0.5 } else { 0.3 };
-    Some(Direction {
+    Some(Target {
         error: angle / s.kappa_2,
-        rate: 0.0,
         weight,
-        passing: memory.passing,
-        holding: memory.holding,
-        clipped: false,
+        mode: match (memory.passing, memory.holding) {
+            (true, _) => Mode::Pass,
+            (_, true) => Mode::Hold,
+            _ => Mode::Track,
+        },
+        ..Target::default()
     })
 }
 
@@ -464,11 +478,7 @@ pub(crate) fn roomier<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>,
 }
 
 /// Out of the neighbourhood along the self-motion: away from the lock, or where that direction is undefined, to where the joints have more room.
-fn leave<const N: usize>(
-    s: &Singularity<N>,
-    at: &Situation<'_, N>,
-    memory: &mut Memory,
-) -> Direction {
+fn leave<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>, memory: &mut Memory) -> Target {
     let room = |side| room(side, s, at, FAR);
     let decided = s.aux.abs() > SIDE.0;
     if !memory.passing || decided && s.aux * memory.side < 0.0 {
@@ -480,12 +490,10 @@ fn leave<const N: usize>(
         memory.passing = true;
     }
     let rate = memory.side * LEAVE.min(at.rate_max);
-    Direction {
-        error: 0.0,
+    Target {
         rate,
         weight: 1.0,
-        passing: true,
-        holding: false,
-        clipped: false,
+        mode: Mode::Pass,
+        ..Target::default()
     }
 }
