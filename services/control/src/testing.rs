@@ -2,11 +2,12 @@
 
 use crate::centre::AtCentre;
 use crate::controller::Controller;
+use crate::setup::start_posture;
 use crate::singularity::analyzer::Analyzer;
 use crate::tick::{Inputs, Now};
 use crate::types::{Command, Report};
-use model::{Factors, Model, Robot, Terms};
-use nalgebra::{SVector, Vector3};
+use model::{Factors, Model, Robot};
+use nalgebra::{SVector, Vector3, Vector6};
 use proptest::prelude::*;
 use shared_types::TargetContent;
 use shared_types::scenario::{Analysis, Scenario};
@@ -95,52 +96,91 @@ pub(crate) fn empty_report<const N: usize>() -> Report<N> {
     Report::unexamined(1.0, Vector3::zeros())
 }
 
-/// The command for an arm on which nothing acts that the model does not explain.
-pub(crate) fn undisturbed<const N: usize>(
-    controller: &mut Controller<N>,
-    tick: u64,
-    [q, qdot]: [&SVector<f64, N>; 2],
-    report: &Report<N>,
-    terms: Option<&Terms<N>>,
-    target: Option<&TargetContent>,
-) -> Command<N> {
-    controller.step(&Inputs {
-        tick,
-        q,
-        qdot,
-        tau_disturbance: &SVector::zeros(),
-        wrist: None,
-        report,
-        terms,
-        target,
-    })
-}
-
 /// A scenario file of the product.
 pub(crate) fn scenario(text: &str, settings: &[&str]) -> Scenario {
     let settings: Vec<String> = settings.iter().map(|s| (*s).to_owned()).collect();
     Scenario::parse("test.toml", text, &settings).unwrap()
 }
 
-/// One step of the arm's exact dynamics with the torque held: Runge–Kutta of fourth order.
-pub(crate) fn rk4<const N: usize>(
-    model: &Model<N>,
-    q: &SVector<f64, N>,
-    qdot: &SVector<f64, N>,
-    tau: &SVector<f64, N>,
+/// An arm under the law, at rest in the start posture of its scenario.
+#[derive(Clone)]
+pub(crate) struct Bench<const N: usize> {
+    pub(crate) model: Model<N>,
+    pub(crate) analyzer: Analyzer<N>,
+    pub(crate) controller: Controller<N>,
+    /// The last one.
+    pub(crate) report: Report<N>,
+    pub(crate) q: SVector<f64, N>,
+    pub(crate) qdot: SVector<f64, N>,
+    pub(crate) tick: u64,
     dt: f64,
-) -> (SVector<f64, N>, SVector<f64, N>) {
-    let f = |q: &SVector<f64, N>, v: &SVector<f64, N>| model.forward_dynamics(q, v, tau);
-    let h = 0.5 * dt;
-    let a1 = f(q, qdot);
-    let (v2, q2) = (qdot + a1 * h, q + qdot * h);
-    let a2 = f(&q2, &v2);
-    let (v3, q3) = (qdot + a2 * h, q + v2 * h);
-    let a3 = f(&q3, &v3);
-    let (v4, q4) = (qdot + a3 * dt, q + v3 * dt);
-    let a4 = f(&q4, &v4);
-    (
-        q + (qdot + (v2 + v3) * 2.0 + v4) * (dt / 6.0),
-        qdot + (a1 + (a2 + a3) * 2.0 + a4) * (dt / 6.0),
-    )
+}
+
+impl<const N: usize> Bench<N> {
+    pub(crate) fn new(text: &str) -> Self {
+        Self::of(&scenario(text, &[]))
+    }
+
+    pub(crate) fn of(scenario: &Scenario) -> Self {
+        let robot = Robot::builtin(&scenario.robot).unwrap();
+        let model = Model::new(&robot, scenario.frame()).unwrap();
+        let q = start_posture(&robot, scenario).unwrap();
+        Self {
+            controller: Controller::new(model.clone(), &robot, scenario, q).unwrap(),
+            analyzer: Analyzer::new(&robot, &scenario.analysis),
+            report: empty_report(),
+            model,
+            q,
+            qdot: SVector::zeros(),
+            tick: 0,
+            dt: scenario.dt_s(),
+        }
+    }
+
+    /// The command of a tick in which nothing acts that the model does not explain.
+    pub(crate) fn command(&mut self, target: Option<&TargetContent>) -> Command<N> {
+        self.pressed(None, target)
+    }
+
+    /// The same of a hand on which a wrench acts.
+    pub(crate) fn pressed(
+        &mut self,
+        wrist: Option<&Vector6<f64>>,
+        target: Option<&TargetContent>,
+    ) -> Command<N> {
+        let terms = self.model.evaluate(&self.q, &self.qdot);
+        self.report = self.analyzer.step(&self.q, &self.qdot, &terms);
+        self.tick += 1;
+        self.controller.step(&Inputs {
+            tick: self.tick - 1,
+            q: &self.q,
+            qdot: &self.qdot,
+            tau_disturbance: &SVector::zeros(),
+            wrist,
+            report: &self.report,
+            // At every second tick the law evaluates the model itself.
+            terms: self.tick.is_multiple_of(2).then_some(&terms),
+            target,
+        })
+    }
+
+    /// The command on the last report, whatever the posture is, under a torque that the model does not explain.
+    pub(crate) fn again(&mut self, tau_disturbance: &SVector<f64, N>) -> Command<N> {
+        self.controller.step(&Inputs {
+            tick: self.tick,
+            q: &self.q,
+            qdot: &self.qdot,
+            tau_disturbance,
+            wrist: None,
+            report: &self.report,
+            terms: None,
+            target: None,
+        })
+    }
+
+    /// Moves on by a tick under a torque on the joints.
+    pub(crate) fn moves(&mut self, tau: &SVector<f64, N>) {
+        self.qdot += self.model.forward_dynamics(&self.q, &self.qdot, tau) * self.dt;
+        self.q += self.qdot * self.dt;
+    }
 }

@@ -1,8 +1,8 @@
 //! Goals beyond reach on arms analysed by number.
 
-use crate::testing::robot;
+use crate::Analyzer;
+use crate::testing::{Bench, robot};
 use crate::types::Class;
-use crate::{Analyzer, Controller, start_posture};
 use model::{Model, Robot};
 use nalgebra::SVector;
 use shared_types::scenario::{Scenario, Segment, Start};
@@ -27,13 +27,6 @@ fn beyond(robot: &Robot, q_rad: &[f64], by_m: [f64; 3], duration_s: f64) -> Scen
     scenario
 }
 
-fn warning(robot: &Robot, scenario: &Scenario) -> Option<String> {
-    let q = start_posture::<6>(robot, scenario).unwrap();
-    Controller::<6>::new(Model::new(robot, None).unwrap(), robot, scenario, q)
-        .unwrap()
-        .warning()
-}
-
 #[test]
 fn a_goal_beyond_reach_is_warned_of_and_no_other() {
     let two = robot("planar2r");
@@ -42,7 +35,8 @@ fn a_goal_beyond_reach_is_warned_of_and_no_other() {
         ([0.1, 0.9, 0.0], true),
         ([0.05, 0.05, 0.0], false),
     ] {
-        let warned = warning(two, &beyond(two, &[0.3, 0.8], by_m, 2.0));
+        let arm = Bench::<6>::of(&beyond(two, &[0.3, 0.8], by_m, 2.0));
+        let warned = arm.controller.warning();
         assert_eq!(warned.is_some(), is_beyond, "{by_m:?}: {warned:?}");
     }
 }

@@ -1,8 +1,8 @@
 //! The reference arm of a steered run in closed loop: random targets, and an arm that follows it exactly.
 
-use crate::testing::{robot, undisturbed};
+use crate::Controller;
+use crate::testing::{Bench, robot};
 use crate::types::Phase;
-use crate::{Analyzer, Controller, Inputs, start_posture};
 use model::Model;
 use nalgebra::{Rotation3, SVector, UnitQuaternion, Vector6};
 use proptest::prelude::*;
@@ -62,17 +62,12 @@ fn steer<const N: usize>(
 ) -> Result<(ServoState, [SVector<f64, N>; 2]), TestCaseError> {
     let text =
         format!("name = \"t\"\nrobot = \"{name}\"\n[start]\n{start}\n[servo]\nduration_s = 60.0\n");
-    let scenario = Scenario::parse("t.toml", &text, &[]).unwrap();
-    let (robot, dt) = (robot(name), scenario.dt_s());
-    let model = Model::<N>::new(robot, None).unwrap();
-    let start = start_posture::<N>(robot, &scenario).unwrap();
-    let mut analyzer = Analyzer::new(robot, &scenario.analysis);
-    let mut controller = Controller::new(model.clone(), robot, &scenario, start).unwrap();
-    let (mut q, mut qdot, mut tau) = (start, SVector::<f64, N>::zeros(), model.gravity(&start));
-    let (mut tick, mut state) = (0, ServoState::default());
+    let mut arm = Bench::<N>::new(&text);
+    let (model, dt, mut tau) = (arm.model.clone(), 1e-3, arm.model.gravity(&arm.q));
+    let mut state = ServoState::default();
     for (target, ticks) in targets {
         let mut target = TargetContent {
-            given_tick: tick,
+            given_tick: arm.tick,
             ..*target
         };
         if target.kind == TARGET_POSTURE {
@@ -80,11 +75,9 @@ fn steer<const N: usize>(
             target.q[N..].fill(0.0);
         }
         for _ in 0..*ticks {
-            let report = analyzer.step(&q, &qdot, &model.evaluate(&q, &qdot));
-            let at = [&q, &qdot];
-            let command = undisturbed(&mut controller, tick, at, &report, None, Some(&target));
+            let (tick, command) = (arm.tick, arm.command(Some(&target)));
             state = command.session.unwrap_or_default();
-            let reference = controller.state.targets;
+            let reference = arm.controller.state.targets;
             prop_assert!(
                 state.refused == 0 && command.phase != Phase::Refused,
                 "tick {tick}: {:?} {:?}",
@@ -108,16 +101,15 @@ fn steer<const N: usize>(
                     ("rad/s", speed, model.velocity()[i]),
                     ("N·m", torque, effort),
                     ("N·m in a tick", torque - tau[i], rate * dt * (1.0 + 1e-9)),
-                    ("rad/s in a tick", speed - qdot[i], most * dt),
+                    ("rad/s in a tick", speed - arm.qdot[i], most * dt),
                 ] {
                     prop_assert!(found.abs() <= most, "{found} of {most} {what}: {}", place());
                 }
             }
-            (q, qdot, tau) = (reference.q, reference.qdot, command.tau);
-            tick += 1;
+            (arm.q, arm.qdot, tau) = (reference.q, reference.qdot, command.tau);
         }
     }
-    Ok((state, [q, qdot]))
+    Ok((state, [arm.q, arm.qdot]))
 }
 
 proptest! {
@@ -383,13 +375,8 @@ fn poses_of_a_joint_path(name: &str, from: [f64; 7], to: [f64; 7], time_s: f64) 
     let text = format!(
         "name = \"t\"\nrobot = \"{name}\"\n[start]\nq = {from:?}\n[servo]\nduration_s = 60.0\n"
     );
-    let scenario = Scenario::parse("t.toml", &text, &[]).unwrap();
-    let robot = robot(name);
-    let model = Model::<7>::new(robot, None).unwrap();
-    let (from, to) = (SVector::from(from), SVector::from(to));
-    let mut analyzer = Analyzer::new(robot, &scenario.analysis);
-    let mut controller = Controller::new(model.clone(), robot, &scenario, from).unwrap();
-    let (mut q, mut qdot) = (from, SVector::<f64, 7>::zeros());
+    let mut arm = Bench::<7>::new(&text);
+    let (model, from, to) = (arm.model.clone(), SVector::from(from), SVector::from(to));
     let (mut farthest, mut untrue) = (0.0_f64, 0);
     for tick in 0..(time_s * 1000.0) as u64 {
         let [share, rate, _] = crate::quintic(tick as f64 * 1e-3, time_s);
@@ -405,17 +392,15 @@ fn poses_of_a_joint_path(name: &str, from: [f64; 7], to: [f64; 7], time_s: f64) 
             quaternion: [turn.w, turn.i, turn.j, turn.k],
             ..Default::default()
         };
-        let terms = model.evaluate(&q, &qdot);
-        let (at, report) = ([&q, &qdot], analyzer.step(&q, &qdot, &terms));
-        let (terms_at, asked_of) = (Some(&terms), Some(&target));
-        let command = undisturbed(&mut controller, tick, at, &report, terms_at, asked_of);
-        let off = (asked.X_BE.p - terms.X_BE.p).norm();
+        let command = arm.command(Some(&target));
+        let off = (asked.X_BE.p - model.forward_kinematics(&arm.q).p).norm();
         let is_said = command.session.unwrap().reason == REASON_FOLLOWING;
         (farthest, untrue) = (
             farthest.max(off),
             untrue + usize::from(off > 0.012 && is_said),
         );
-        (q, qdot) = (controller.state.targets.q, controller.state.targets.qdot);
+        let reference = arm.controller.state.targets;
+        (arm.q, arm.qdot) = (reference.q, reference.qdot);
     }
     (farthest, untrue)
 }
@@ -450,19 +435,12 @@ fn an_arm_that_is_not_where_it_should_be_is_not_said_to_follow() {
 fn pressed(force: [f64; 3], seconds: f64) -> (f64, f64, nalgebra::Vector3<f64>, ServoState) {
     let start = "q_deg = [10, -40, 25, 20, 0, 60]\n[servo]\nduration_s = 60.0\n[[plant.surface]]\npoint_m = [0, 0, 0]";
     let text = format!("name = \"t\"\nrobot = \"puma560\"\n[start]\n{start}\n");
-    let scenario = Scenario::parse("t.toml", &text, &[]).unwrap();
-    let (robot, dt) = (robot("puma560"), scenario.dt_s());
-    let model = Model::<6>::new(robot, None).unwrap();
-    let mut q = start_posture::<6>(robot, &scenario).unwrap();
-    let mut qdot = SVector::<f64, 6>::zeros();
-    let mut analyzer = Analyzer::new(robot, &scenario.analysis);
-    let mut controller = Controller::new(model.clone(), robot, &scenario, q).unwrap();
-    let begun = model.forward_kinematics(&q).p;
-    let ticks = (seconds / dt) as u64;
+    let mut arm = Bench::<6>::new(&text);
+    let begun = arm.model.forward_kinematics(&arm.q).p;
+    let ticks = (seconds * 1000.0) as u64;
     let (mut sum, mut most, mut state) = (0.0, 0.0_f64, ServoState::default());
     for tick in 0..ticks {
-        let terms = model.evaluate(&q, &qdot);
-        let depth = begun.z - 0.005 - terms.X_BE.p.z;
+        let depth = begun.z - 0.005 - arm.model.forward_kinematics(&arm.q).p.z;
         let wrist = Vector6::z() * (2e4 * depth.max(0.0));
         let target = TargetContent {
             kind: TARGET_TWIST,
@@ -472,26 +450,15 @@ fn pressed(force: [f64; 3], seconds: f64) -> (f64, f64, nalgebra::Vector3<f64>, 
             force,
             ..Default::default()
         };
-        let command = controller.step(&Inputs {
-            tick,
-            q: &q,
-            qdot: &qdot,
-            tau_disturbance: &SVector::zeros(),
-            wrist: Some(&wrist),
-            report: &analyzer.step(&q, &qdot, &terms),
-            terms: Some(&terms),
-            target: Some(&target),
-        });
+        let command = arm.pressed(Some(&wrist), Some(&target));
         state = command.session.unwrap();
-        let contact = terms.J.tr_mul(&wrist);
-        qdot += terms.qddot(&(command.tau + contact)) * dt;
-        q += qdot * dt;
+        arm.moves(&(command.tau + arm.model.jacobian(&arm.q).tr_mul(&wrist)));
         if tick + 1000 >= ticks {
             let error = (wrist.z - 10.0).abs();
             (sum, most) = (sum + error, most.max(error));
         }
     }
-    let gone = model.forward_kinematics(&q).p - begun;
+    let gone = arm.model.forward_kinematics(&arm.q).p - begun;
     (sum / 1000.0, most, gone, state)
 }
 
