@@ -1,18 +1,17 @@
 //! Kinematics carried from the end-effector frame E to another point of the same link: the wrist centre C.
 
-use crate::linear::{angular, displaced, linear, stack};
+use crate::linear::{Jacobian, Matrix3, Vector3, Vector6, angular, displaced, linear, stack};
 use model::{Pose, Terms};
-use nalgebra::{Matrix3, SMatrix, Vector3, Vector6};
 
 /// Jacobian and its rate at a point C fixed to the link that carries E; base axes.
 #[derive(Clone, Copy, Debug)]
 pub struct AtCentre<const N: usize> {
     /// Position of C in B, m.
-    pub p: Vector3<f64>,
+    pub p: Vector3,
     /// 6×N, rows [v; ω] of C.
-    pub J: SMatrix<f64, 6, N>,
+    pub J: Jacobian<N>,
     /// Acceleration [v̇; ω̇] of C at q̈ = 0.
-    pub Jdot_qdot: Vector6<f64>,
+    pub Jdot_qdot: Vector6,
 }
 
 impl<const N: usize> AtCentre<N> {
@@ -21,7 +20,7 @@ impl<const N: usize> AtCentre<N> {
     /// Requires C fixed to E's link, the last one.
     #[must_use]
     #[inline]
-    pub fn new(terms: &Terms<N>, p_BC: &Vector3<f64>) -> Self {
+    pub fn new(terms: &Terms<N>, p_BC: &Vector3) -> Self {
         let (r, omega) = (p_BC - terms.X_BE.p, &terms.omega[N - 1]);
         let (mut J, mut Jdot_qdot) = (terms.J, terms.Jdot_qdot);
         if r != Vector3::zeros() {
@@ -42,13 +41,13 @@ impl<const N: usize> AtCentre<N> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PoseMotion {
     /// Rotation.
-    pub R: Matrix3<f64>,
+    pub R: Matrix3,
     /// Position, m.
-    pub p: Vector3<f64>,
+    pub p: Vector3,
     /// Twist [v; ω].
-    pub V: Vector6<f64>,
+    pub V: Vector6,
     /// Acceleration [v̇; ω̇].
-    pub a: Vector6<f64>,
+    pub a: Vector6,
 }
 
 impl PoseMotion {
@@ -74,7 +73,7 @@ impl PoseMotion {
     /// The same motion of the body, seen at the point `p_E` (coordinates in the body's own axes).
     #[must_use]
     #[inline]
-    pub fn at(&self, p_E: &Vector3<f64>) -> Self {
+    pub fn at(&self, p_E: &Vector3) -> Self {
         let r = self.R * p_E;
         let (w, alpha) = (angular(&self.V), angular(&self.a));
         Self {

@@ -2,6 +2,7 @@
 
 use crate::law::force::Forces;
 use crate::limits::torque::Drives;
+use crate::linear::Joints;
 use crate::plan::{Deviation, Request, beyond_reach, rehearsal};
 use crate::reference::guide::Guide;
 use crate::reference::path::Path;
@@ -13,7 +14,6 @@ use crate::singularity::family::Family;
 use crate::state::State;
 use crate::types::{Kind, Refusal, Singularity};
 use model::{Model, Robot};
-use nalgebra::SVector;
 use shared_types::ControllerCheckpoint;
 use shared_types::scenario::Scenario;
 use std::cell::Cell;
@@ -111,11 +111,11 @@ impl<const N: usize> Controller<N> {
         model: Model<N>,
         robot: &Robot,
         scenario: &Scenario,
-        q_start: SVector<f64, N>,
+        q_start: Joints<N>,
     ) -> Result<Self, SetupError> {
-        let rest = model.evaluate(&q_start, &SVector::zeros());
+        let rest = model.evaluate(&q_start, &Joints::zeros());
         let mut analyzer = Analyzer::new(robot, &scenario.analysis);
-        let report = analyzer.step(&q_start, &SVector::zeros(), &rest);
+        let report = analyzer.step(&q_start, &Joints::zeros(), &rest);
         let family = analyzer.family().clone();
         let path = Path::new(scenario, rest.X_BE, &report)?;
         let is_steered = scenario.servo.is_some();
@@ -182,7 +182,7 @@ impl<const N: usize> Controller<N> {
     ///
     /// Shapes `q_start` N · Units rad · Requires a steered scenario, and a controller before its first tick, or [restored](Self::restore) to that · Cost
     /// some µs, 0.1 ms for an arm whose singularities are found by number; no allocation
-    pub fn begin(&mut self, q_start: SVector<f64, N>) {
+    pub fn begin(&mut self, q_start: Joints<N>) {
         let Setup {
             model,
             family,
@@ -190,10 +190,10 @@ impl<const N: usize> Controller<N> {
             guide,
             ..
         } = &mut self.setup;
-        let rest = model.evaluate(&q_start, &SVector::zeros());
+        let rest = model.evaluate(&q_start, &Joints::zeros());
         if let Some(targets) = &self.targets {
             let mut analyzer = targets.analyzer.clone();
-            analyzer.step(&q_start, &SVector::zeros(), &rest);
+            analyzer.step(&q_start, &Joints::zeros(), &rest);
             *family = analyzer.family().clone();
         }
         postures.begin(q_start);

@@ -1,7 +1,18 @@
 //! Small dense algebra of static size, with a bounded number of iterations and the same bits on every machine.
 
 pub use model::{rotation_exp, rotation_log, rotation_twist, stack};
-use nalgebra::{SMatrix, SVector, Vector3, Vector6};
+use nalgebra::{SMatrix, SVector};
+
+/// A number for each joint.
+pub type Joints<const N: usize> = SVector<f64, N>;
+/// 6×N, rows [v; ω]: what a motion of the joints does to a link.
+pub type Jacobian<const N: usize> = SMatrix<f64, 6, N>;
+/// A vector in space.
+pub type Vector3 = nalgebra::Vector3<f64>;
+/// A twist, a wrench or a pose error: a linear and an angular half.
+pub type Vector6 = nalgebra::Vector6<f64>;
+/// A rotation matrix, or a frame.
+pub type Matrix3 = nalgebra::Matrix3<f64>;
 
 /// +1 or −1.
 #[must_use]
@@ -12,14 +23,14 @@ pub fn sign(is_positive: bool) -> f64 {
 
 /// The vector with a one in place `i`, and zeros.
 #[must_use]
-pub fn unit<const N: usize>(i: usize) -> SVector<f64, N> {
-    SVector::from_fn(|k, _| if k == i { 1.0 } else { 0.0 })
+pub fn unit<const N: usize>(i: usize) -> Joints<N> {
+    Joints::from_fn(|k, _| if k == i { 1.0 } else { 0.0 })
 }
 
 /// The largest of |v_i|/limit_i, 0 where there is none.
 #[must_use]
 #[inline]
-pub fn largest_share<const N: usize>(v: &SVector<f64, N>, limits: &SVector<f64, N>) -> f64 {
+pub fn largest_share<const N: usize>(v: &Joints<N>, limits: &Joints<N>) -> f64 {
     (0..N).fold(0.0, |share, i| share.max(v[i].abs() / limits[i]))
 }
 
@@ -328,10 +339,7 @@ pub fn is_finite<const N: usize>(v: &SVector<f64, N>) -> bool {
 /// The Jacobian of the point that lies at `r` from that of `J`, on the same link: v + ω×r.
 #[must_use]
 #[inline]
-pub fn displaced<const N: usize>(
-    mut J: SMatrix<f64, 6, N>,
-    r: &Vector3<f64>,
-) -> SMatrix<f64, 6, N> {
+pub fn displaced<const N: usize>(mut J: Jacobian<N>, r: &Vector3) -> Jacobian<N> {
     for mut column in J.column_iter_mut() {
         let v = Vector3::new(column[3], column[4], column[5]).cross(r);
         (0..3).for_each(|k| column[k] += v[k]);
@@ -342,21 +350,21 @@ pub fn displaced<const N: usize>(
 /// The linear half of a twist.
 #[must_use]
 #[inline]
-pub fn linear(twist: &Vector6<f64>) -> Vector3<f64> {
+pub fn linear(twist: &Vector6) -> Vector3 {
     twist.fixed_rows::<3>(0).into_owned()
 }
 
 /// The angular half of a twist.
 #[must_use]
 #[inline]
-pub fn angular(twist: &Vector6<f64>) -> Vector3<f64> {
+pub fn angular(twist: &Vector6) -> Vector3 {
     twist.fixed_rows::<3>(3).into_owned()
 }
 
 /// The vector of this half of a twist, the other half zero.
 #[must_use]
 #[inline]
-pub fn halves(half: &Vector3<f64>, is_angular: bool) -> Vector6<f64> {
+pub fn halves(half: &Vector3, is_angular: bool) -> Vector6 {
     let zero = Vector3::zeros();
     if is_angular {
         stack(&zero, half)
@@ -368,7 +376,7 @@ pub fn halves(half: &Vector3<f64>, is_angular: bool) -> Vector6<f64> {
 /// The parts of a twist or error along the axes that a task serves, zero along the others.
 #[must_use]
 #[inline]
-pub fn served(task: &[bool; 6], twist: &Vector6<f64>) -> Vector6<f64> {
+pub fn served(task: &[bool; 6], twist: &Vector6) -> Vector6 {
     Vector6::from_fn(|k, _| if task[k] { twist[k] } else { 0.0 })
 }
 
@@ -421,7 +429,7 @@ mod tests {
                 prop_assert_eq!(rank(&M, tolerance) as usize, sigma.iter().filter(|x| **x > floor).count());
             }
             prop_assert_eq!(rank(&(M * f64::NAN), tolerance), 0);
-            let mut rows: [Vector6<f64>; 6] = std::array::from_fn(|i| M.row(i).transpose());
+            let mut rows: [Vector6; 6] = std::array::from_fn(|i| M.row(i).transpose());
             let product: f64 = sigma.iter().product();
             prop_assert!((volume(&mut rows) - product).abs() < 1e-9 * product + 1e-13 * sigma[0].powi(6));
             let (values, V) = symmetric_eigen(&(M + M.transpose()));

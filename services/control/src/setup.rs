@@ -1,8 +1,8 @@
 //! From a scenario to what a controller needs before its first tick.
 
+use crate::linear::Joints;
 use crate::reference::path::PathError;
 use model::{ModelError, PostureError, Robot};
-use nalgebra::SVector;
 use shared_types::scenario::Scenario;
 
 /// Why a scenario cannot be controlled.
@@ -34,7 +34,7 @@ pub enum SetupError {
 pub fn start_posture<const N: usize>(
     robot: &Robot,
     scenario: &Scenario,
-) -> Result<SVector<f64, N>, SetupError> {
+) -> Result<Joints<N>, SetupError> {
     let q = robot.start_posture(&scenario.start)?;
     Ok(model::embedded(&q))
 }
@@ -46,7 +46,7 @@ pub fn start_posture<const N: usize>(
 pub(crate) fn posture_goals<const N: usize>(
     robot: &Robot,
     scenario: &Scenario,
-) -> Result<Vec<Option<SVector<f64, N>>>, SetupError> {
+) -> Result<Vec<Option<Joints<N>>>, SetupError> {
     let goal = |(segment, goal): (usize, &shared_types::scenario::Segment)| {
         let q = goal.posture().map(|start| robot.start_posture(&start));
         let q = q.transpose();

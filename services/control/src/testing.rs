@@ -2,12 +2,12 @@
 
 use crate::centre::AtCentre;
 use crate::controller::Controller;
+use crate::linear::{Joints, Vector3, Vector6};
 use crate::setup::start_posture;
 use crate::singularity::analyzer::Analyzer;
 use crate::tick::{Inputs, Now};
 use crate::types::{Command, Report};
 use model::{Factors, Model, Robot};
-use nalgebra::{SVector, Vector3, Vector6};
 use proptest::prelude::*;
 use shared_types::TargetContent;
 use shared_types::scenario::{Analysis, Scenario};
@@ -16,7 +16,7 @@ use std::sync::OnceLock;
 
 /// An arm that stands in a posture, as a tick sees it.
 pub(crate) fn standing<T>(name: &str, q: [f64; 6], seen: impl FnOnce(&Now<'_, 6>) -> T) -> T {
-    let (robot, q, zero) = (robot(name), SVector::from(q), SVector::zeros());
+    let (robot, q, zero) = (robot(name), Joints::from(q), Joints::zeros());
     let terms = Model::new(robot, None).unwrap().evaluate(&q, &zero);
     let report = Analyzer::new(robot, &Analysis::default()).step(&q, &zero, &terms);
     seen(&Now {
@@ -82,12 +82,10 @@ pub(crate) fn three_r() -> &'static Model<3> {
 }
 
 /// Any posture within the limits (within a turn where there are none).
-pub(crate) fn posture<const N: usize>(model: &Model<N>) -> impl Strategy<Value = SVector<f64, N>> {
+pub(crate) fn posture<const N: usize>(model: &Model<N>) -> impl Strategy<Value = Joints<N>> {
     let (lower, upper) = (*model.lower(), *model.upper());
     prop::collection::vec(0.0..1.0_f64, N).prop_map(move |x| {
-        SVector::from_fn(|i, _| {
-            lower[i].max(-3.2) + x[i] * (upper[i].min(3.2) - lower[i].max(-3.2))
-        })
+        Joints::from_fn(|i, _| lower[i].max(-3.2) + x[i] * (upper[i].min(3.2) - lower[i].max(-3.2)))
     })
 }
 
@@ -110,8 +108,8 @@ pub(crate) struct Bench<const N: usize> {
     pub(crate) controller: Controller<N>,
     /// The last one.
     pub(crate) report: Report<N>,
-    pub(crate) q: SVector<f64, N>,
-    pub(crate) qdot: SVector<f64, N>,
+    pub(crate) q: Joints<N>,
+    pub(crate) qdot: Joints<N>,
     pub(crate) tick: u64,
     dt: f64,
 }
@@ -131,7 +129,7 @@ impl<const N: usize> Bench<N> {
             report: empty_report(),
             model,
             q,
-            qdot: SVector::zeros(),
+            qdot: Joints::zeros(),
             tick: 0,
             dt: scenario.dt_s(),
         }
@@ -145,7 +143,7 @@ impl<const N: usize> Bench<N> {
     /// The same of a hand on which a wrench acts.
     pub(crate) fn pressed(
         &mut self,
-        wrist: Option<&Vector6<f64>>,
+        wrist: Option<&Vector6>,
         target: Option<&TargetContent>,
     ) -> Command<N> {
         let terms = self.model.evaluate(&self.q, &self.qdot);
@@ -155,7 +153,7 @@ impl<const N: usize> Bench<N> {
             tick: self.tick - 1,
             q: &self.q,
             qdot: &self.qdot,
-            tau_disturbance: &SVector::zeros(),
+            tau_disturbance: &Joints::zeros(),
             wrist,
             report: &self.report,
             // At every second tick the law evaluates the model itself.
@@ -165,7 +163,7 @@ impl<const N: usize> Bench<N> {
     }
 
     /// The command on the last report, whatever the posture is, under a torque that the model does not explain.
-    pub(crate) fn again(&mut self, tau_disturbance: &SVector<f64, N>) -> Command<N> {
+    pub(crate) fn again(&mut self, tau_disturbance: &Joints<N>) -> Command<N> {
         self.controller.step(&Inputs {
             tick: self.tick,
             q: &self.q,
@@ -179,7 +177,7 @@ impl<const N: usize> Bench<N> {
     }
 
     /// Moves on by a tick under a torque on the joints.
-    pub(crate) fn moves(&mut self, tau: &SVector<f64, N>) {
+    pub(crate) fn moves(&mut self, tau: &Joints<N>) {
         self.qdot += self.model.forward_dynamics(&self.q, &self.qdot, tau) * self.dt;
         self.q += self.qdot * self.dt;
     }

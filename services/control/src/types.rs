@@ -1,9 +1,9 @@
 //! The analyzer's report and the controller's command, sized by the arm; `wire` turns both into messages.
 
 use crate::limits::torque::Limited;
+use crate::linear::{Joints, Matrix3, Vector3, Vector6};
 use crate::paper::neighborhood::Neighborhood;
 use model::Pose;
-use nalgebra::{Matrix3, SVector, Vector3, Vector6};
 use shared_types::{MAX_SINGULARITIES, ServoState, codes};
 
 /// An enum with its integers on the wire; the first variant is the default.
@@ -155,9 +155,9 @@ pub struct Singularity<const N: usize> {
     /// Exit threshold on |s_i|.
     pub eta_out: f64,
     /// ζ_i at C in base axes, continuous in sign.
-    pub zeta_B: Vector6<f64>,
+    pub zeta_B: Vector6,
     /// Singular frame: first axis along ζ_i.
-    pub R_BS: Matrix3<f64>,
+    pub R_BS: Matrix3,
     /// Velocity along ζ_i per auxiliary rate, signed; m or 1.
     pub gain: f64,
     /// Share of `gain` that a vector measure lacks, 0 to 1, because `aux_row` has not turned towards it yet. Not on the wire.
@@ -169,7 +169,7 @@ pub struct Singularity<const N: usize> {
     /// Its acceleration at q̈ = 0, rad/s².
     pub aux_bias: f64,
     /// Its gradient.
-    pub aux_row: SVector<f64, N>,
+    pub aux_row: Joints<N>,
     /// Second-order motion along ζ per null motion: > 0 is a fold. Of a vector measure of type 2 or mixed: along `aux_row`.
     pub kappa_1: f64,
     /// Turning rate of ζ along the null motion that `aux` counts; positive about the singular frame's second axis.
@@ -179,7 +179,7 @@ pub struct Singularity<const N: usize> {
 impl<const N: usize> Singularity<N> {
     /// The unit vector of ζ_i: an axis of rotation if `angular`, else a direction of translation.
     #[must_use]
-    pub fn axis(&self) -> Vector3<f64> {
+    pub fn axis(&self) -> Vector3 {
         if self.angular {
             crate::linear::angular(&self.zeta_B)
         } else {
@@ -227,7 +227,7 @@ impl<const N: usize> Singularity<N> {
             aux: 0.0,
             aux_rate: 0.0,
             aux_bias: 0.0,
-            aux_row: SVector::zeros(),
+            aux_row: Joints::zeros(),
             kappa_1: 0.0,
             kappa_2: 0.0,
         }
@@ -246,7 +246,7 @@ pub struct Report<const N: usize> {
     /// The length that makes metres and radians comparable, m.
     pub length_m: f64,
     /// Where singularities are analysed, in B, m.
-    pub p_BC: Vector3<f64>,
+    pub p_BC: Vector3,
     /// How many places of `singularities` are used.
     pub count: usize,
     /// The singularities, in an order that never changes within a run.
@@ -256,7 +256,7 @@ pub struct Report<const N: usize> {
 impl<const N: usize> Report<N> {
     /// A report of an arm with C at `p_BC`, m: no singularity, and nothing computed of the Jacobian.
     #[inline]
-    pub(crate) fn unexamined(length_m: f64, p_BC: Vector3<f64>) -> Self {
+    pub(crate) fn unexamined(length_m: f64, p_BC: Vector3) -> Self {
         Self {
             rank: 0,
             det: 0.0,
@@ -280,17 +280,17 @@ impl<const N: usize> Report<N> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Command<const N: usize> {
     /// Γ, N·m.
-    pub tau: SVector<f64, N>,
+    pub tau: Joints<N>,
     /// The part that acts at the end-effector, with gravity and Coriolis, N·m.
-    pub tau_task: SVector<f64, N>,
+    pub tau_task: Joints<N>,
     /// The part in the null space, N_T Γ₀, N·m.
-    pub tau_null: SVector<f64, N>,
+    pub tau_null: Joints<N>,
     /// Desired pose of E.
     pub X_BE_d: Pose,
     /// Desired twist of E.
-    pub V_BE_d: Vector6<f64>,
+    pub V_BE_d: Vector6,
     /// Pose error of E, `[p_d − p; log(R_d Rᵀ)]`.
-    pub error: Vector6<f64>,
+    pub error: Vector6,
     /// The path's own clock, s.
     pub path_time_s: f64,
     /// Its speed against real time.
@@ -327,7 +327,7 @@ pub struct Plan<const N: usize> {
     /// Place of the singularity in the report.
     pub place: usize,
     /// How far each joint will move, rad.
-    pub by: SVector<f64, N>,
+    pub by: Joints<N>,
     /// How long it will take, s.
     pub duration_s: f64,
 }

@@ -1,8 +1,8 @@
 //! Messages from values and back: shared by the analyzer's and the controller's cycle.
 
+use crate::linear::{Matrix3, Vector3, Vector6};
 use crate::types::{Class, Command, Kind, Report, Singularity};
 use model::{joints, padded};
-use nalgebra::{Matrix3, Vector3, Vector6};
 use shared_types::wire::Part;
 use shared_types::{
     ControlState, Header, MAX_DOF, MAX_SINGULARITIES, SingularityReport, SingularityState,
@@ -135,25 +135,25 @@ pub fn command_messages<const N: usize>(
     };
 }
 
-fn column_major(R: &Matrix3<f64>) -> [f64; 9] {
+fn column_major(R: &Matrix3) -> [f64; 9] {
     std::array::from_fn(|i| R[i])
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::linear::Joints;
     use crate::singularity::analyzer::Analyzer;
     use crate::testing::{posture, puma, robot};
-    use nalgebra::SVector;
     use proptest::prelude::*;
     use shared_types::scenario::Analysis;
 
     proptest! {
         #[test]
         fn a_report_survives_the_wire(q in posture(puma())) {
-            let terms = puma().evaluate(&q, &SVector::zeros());
+            let terms = puma().evaluate(&q, &Joints::zeros());
             let mut analyzer = Analyzer::<6>::new(robot("puma560"), &Analysis::default());
-            let sent = analyzer.step(&q, &SVector::zeros(), &terms);
+            let sent = analyzer.step(&q, &Joints::zeros(), &terms);
             let mut message = SingularityReport::default();
             report_message(7, &sent, &mut message);
             prop_assert_eq!(report::<6>(&message).unwrap(), sent);

@@ -1,8 +1,8 @@
 //! The controller's pure step: torque from the estimated state and its singularity report.
 
+use control::linear::Joints;
 use control::{Controller, Refusal, SetupError, start_posture, wire};
 use model::{LastTerms, Model, Robot, embedded, stack};
-use nalgebra::SVector;
 use process::{Damaged, Flow, Inputs, Outputs, Port, Process, Snapshot};
 use shared_types::scenario::Scenario;
 use shared_types::{
@@ -43,7 +43,7 @@ impl<const N: usize> Cycle<N> {
     }
 
     /// Position, velocity and disturbance torque of the arm's own joints.
-    fn own(&self, estimate: &StateEstimate) -> [SVector<f64, N>; 3] {
+    fn own(&self, estimate: &StateEstimate) -> [Joints<N>; 3] {
         [&estimate.q, &estimate.qdot, &estimate.tau_disturbance]
             .map(|values| embedded::<N>(&values[..self.dof]))
     }

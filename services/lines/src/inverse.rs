@@ -1,8 +1,7 @@
 //! A PUMA's lengths, and its closed-form inverse kinematics.
 
-use control::linear::{rotation_exp, rotation_log, wrap_angle};
+use control::linear::{Joints, Matrix3, Vector3, rotation_exp, rotation_log, wrap_angle};
 use model::{Model, Pose};
-use nalgebra::{Matrix3, SVector, Vector3};
 
 /// The lengths that the factors need, modified DH with Craig's zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,8 +40,8 @@ pub(crate) struct PumaInverse<'a> {
     /// Its lengths.
     pub(crate) lengths: PumaLengths,
     /// Base axes with the arm's plane in the posture q = 0 as x, z2 as y and the waist axis as z: rows.
-    axes: Matrix3<f64>,
-    shoulder: Vector3<f64>,
+    axes: Matrix3,
+    shoulder: Vector3,
     /// Distance of the arm's plane from the waist axis, m.
     offset: f64,
 }
@@ -51,7 +50,7 @@ impl<'a> PumaInverse<'a> {
     /// The inverse kinematics of `model`, whose frame E is at the wrist centre.
     #[must_use]
     pub(crate) fn new(model: &'a Model<6>, lengths: PumaLengths) -> Self {
-        let terms = model.evaluate(&SVector::zeros(), &SVector::zeros());
+        let terms = model.evaluate(&Joints::zeros(), &Joints::zeros());
         let (z1, z2) = (terms.z[0], terms.z[1]);
         let x = z2.cross(&z1);
         // The point at which the waist axis meets the shoulder axis.
@@ -66,7 +65,7 @@ impl<'a> PumaInverse<'a> {
     }
 
     /// The first three joints, rad, that put the wrist centre at `p`, m, on these sides of shoulder and elbow, ±1; `None` beyond reach.
-    fn forearm(&self, p: &Vector3<f64>, [shoulder, elbow]: [f64; 2]) -> Option<[f64; 3]> {
+    fn forearm(&self, p: &Vector3, [shoulder, elbow]: [f64; 2]) -> Option<[f64; 3]> {
         let [a2, L3, d] = [self.lengths.a2, self.lengths.L3, self.offset];
         let p = self.axes * (p - self.shoulder);
         let r2 = p.x * p.x + p.y * p.y;
@@ -106,17 +105,13 @@ impl<'a> PumaInverse<'a> {
     }
 
     /// All postures of a pose within the joint limits.
-    pub(crate) fn all(
-        &self,
-        X: &Pose,
-        near: &SVector<f64, 6>,
-    ) -> impl Iterator<Item = SVector<f64, 6>> {
+    pub(crate) fn all(&self, X: &Pose, near: &Joints<6>) -> impl Iterator<Item = Joints<6>> {
         let (near, X, inverse) = (*near, *X, *self);
         [[1.0, 1.0], [-1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]]
             .into_iter()
             .filter_map(move |sides| inverse.forearm(&X.p, sides))
             .flat_map(move |[q1, q2, q3]| {
-                let q = SVector::from([q1, q2, q3, 0.0, 0.0, 0.0]);
+                let q = Joints::from([q1, q2, q3, 0.0, 0.0, 0.0]);
                 [1.0, -1.0]
                     .into_iter()
                     .filter_map(move |flip| inverse.wrist(q, &X, flip, &near))
@@ -124,14 +119,8 @@ impl<'a> PumaInverse<'a> {
     }
 
     /// The wrist's three angles, each brought within its limits near `near`.
-    fn wrist(
-        &self,
-        mut q: SVector<f64, 6>,
-        X: &Pose,
-        flip: f64,
-        near: &SVector<f64, 6>,
-    ) -> Option<SVector<f64, 6>> {
-        let terms = self.model.evaluate(&q, &SVector::zeros());
+    fn wrist(&self, mut q: Joints<6>, X: &Pose, flip: f64, near: &Joints<6>) -> Option<Joints<6>> {
+        let terms = self.model.evaluate(&q, &Joints::zeros());
         let (z4, z5, z6) = (
             terms.z[3],
             terms.z[4],
@@ -145,7 +134,7 @@ impl<'a> PumaInverse<'a> {
         };
         q[3] = libm::atan2(z4.dot(&z5.cross(&axis)), z5.dot(&axis));
         q[4] = libm::atan2(w.dot(&axis), z4.dot(&z6));
-        let rest = self.model.evaluate(&q, &SVector::zeros());
+        let rest = self.model.evaluate(&q, &Joints::zeros());
         let roll = rotation_log(&(rest.X_BE.R.transpose() * X.R));
         q[5] = (rest.X_BE.R * roll).dot(&rest.z[5]);
         for i in 0..6 {
@@ -162,8 +151,8 @@ impl<'a> PumaInverse<'a> {
 
     /// The posture nearest to `near`.
     #[must_use]
-    pub(crate) fn nearest(&self, X: &Pose, near: &SVector<f64, 6>) -> Option<SVector<f64, 6>> {
-        let distance = |q: &SVector<f64, 6>| (q - near).norm_squared();
+    pub(crate) fn nearest(&self, X: &Pose, near: &Joints<6>) -> Option<Joints<6>> {
+        let distance = |q: &Joints<6>| (q - near).norm_squared();
         self.all(X, near)
             .min_by(|a, b| distance(a).total_cmp(&distance(b)))
     }
@@ -185,9 +174,8 @@ mod tests {
         let (lower, upper) = (model.lower(), model.upper());
         let inverse = PumaInverse::new(&model, PumaLengths::new(a2, a3, d4));
         for _ in 0..100 {
-            let q = SVector::<f64, 6>::from_fn(|i, _| {
-                random.within(lower[i].max(-3.1), upper[i].min(3.1))
-            });
+            let q =
+                Joints::<6>::from_fn(|i, _| random.within(lower[i].max(-3.1), upper[i].min(3.1)));
             let X = model.forward_kinematics(&q);
             for found in inverse.all(&X, &q) {
                 let Y = model.forward_kinematics(&found);

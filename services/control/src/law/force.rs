@@ -25,7 +25,9 @@
 
 use crate::centre::PoseMotion;
 use crate::controller::Setup;
-use crate::linear::{angular, linear, rotation_exp, smoothstep, stack};
+use crate::linear::{
+    Joints, Matrix3, Vector3, Vector6, angular, linear, rotation_exp, smoothstep, stack,
+};
 use crate::paper::operational_space::Cholesky;
 use crate::reference::free_axis::rotation_error;
 use crate::reference::path::{Path, Progress};
@@ -33,7 +35,6 @@ use crate::state::State;
 use crate::tick::{Motion, Now};
 use crate::types::{Refusal, Report};
 use model::{Pose, Terms};
-use nalgebra::{Matrix3, SVector, Vector3, Vector6};
 use shared_types::TargetContent;
 use shared_types::checkpoints::ForceCheckpoint;
 use shared_types::codes::FRAME_HAND;
@@ -105,9 +106,9 @@ pub(crate) struct Press<'a> {
     /// Set-point, N.
     pub(crate) newtons: f64,
     /// Direction, base axes.
-    pub(crate) e: Vector3<f64>,
+    pub(crate) e: Vector3,
     /// Axes of the moments, base axes, zero beyond their number, and the set-points, N·m.
-    about: [Vector3<f64>; MOMENTS],
+    about: [Vector3; MOMENTS],
     newton_metres: [f64; MOMENTS],
     /// Radius of the hand's face, m; zero: it touches with a point.
     face_m: f64,
@@ -138,9 +139,9 @@ pub(crate) struct Pressing {
     set_n: f64,
     felt_n: f64,
     /// Direction of the tick before, base axes.
-    e: Vector3<f64>,
+    e: Vector3,
     /// The newest wrench of the wrist's sensor about E, base axes; of a steered run without one the observer's; N, N·m.
-    pub(crate) wrist: Vector6<f64>,
+    pub(crate) wrist: Vector6,
     /// Along the force.
     along: Compliance,
     /// About the axes of the moments, and whether the hand gives way about them: from its first contact on.
@@ -242,7 +243,7 @@ struct Felt {
 
 impl Wanted {
     /// So many newtons along a direction, and the moments, for a hand that is turned by `R_BE`; `None` of no force.
-    fn press(&self, newtons: f64, direction: Direction, R_BE: &Matrix3<f64>) -> Option<Press<'_>> {
+    fn press(&self, newtons: f64, direction: Direction, R_BE: &Matrix3) -> Option<Press<'_>> {
         let turned = |(axis, of_tool): Direction| match of_tool {
             true => R_BE * Vector3::from(axis),
             false => axis.into(),
@@ -297,17 +298,13 @@ impl Forces {
     }
 
     /// The force of a leg, and its direction for a hand that is turned by `R_BE`.
-    pub(crate) fn at(&self, leg: usize, R_BE: &Matrix3<f64>) -> Option<Press<'_>> {
+    pub(crate) fn at(&self, leg: usize, R_BE: &Matrix3) -> Option<Press<'_>> {
         let wanted = self.0.get(leg)?.as_ref()?;
         wanted.press(wanted.force.newtons, wanted.direction, R_BE)
     }
 
     /// The force of a target, for a hand that is turned by `R_BE`; `None`: it has none, or there is nothing to press on.
-    pub(crate) fn of_target(
-        &self,
-        target: &TargetContent,
-        R_BE: &Matrix3<f64>,
-    ) -> Option<Press<'_>> {
+    pub(crate) fn of_target(&self, target: &TargetContent, R_BE: &Matrix3) -> Option<Press<'_>> {
         let force = Vector3::from(target.force);
         let newtons = force.norm();
         let direction = ((force / newtons).into(), target.force_frame == FRAME_HAND);
@@ -349,7 +346,7 @@ impl Forces {
         let Some(press) = self.press(state, now) else {
             return;
         };
-        let own = |V: Vector6<f64>| V - press.across(&V);
+        let own = |V: Vector6| V - press.across(&V);
         desired.p += press.along(&(terms.X_BE.p - desired.p));
         desired.R = press.turned(&desired.R, &terms.X_BE.R);
         desired.V += own(terms.J * qdot - desired.V);
@@ -379,7 +376,7 @@ impl Forces {
         &self,
         target: &TargetContent,
         terms: &Terms<N>,
-        effort: &SVector<f64, N>,
+        effort: &Joints<N>,
         dt: f64,
     ) -> bool {
         self.of_target(target, &terms.X_BE.R).is_some_and(|press| {
@@ -395,7 +392,7 @@ impl Forces {
     pub(crate) fn impossible<const N: usize>(
         &self,
         terms: &Terms<N>,
-        effort: &SVector<f64, N>,
+        effort: &Joints<N>,
         strategy: Strategy,
         task: &[bool; 6],
         dt: f64,
@@ -409,7 +406,7 @@ impl Forces {
         (0..self.0.len()).find_map(|leg| {
             let press = self.at(leg, &terms.X_BE.R)?;
             let (force, e) = (press.terms, press.e);
-            let is_unserved = |axis: &Vector3<f64>, first: usize| {
+            let is_unserved = |axis: &Vector3, first: usize| {
                 (0..3).any(|i| !task[first + i] && axis[i].abs() > UNSERVED)
             };
             if is_unserved(&e, 0) {
@@ -466,23 +463,23 @@ impl Forces {
 
 impl Press<'_> {
     /// A pose error, or a twist, without what is along e or about the axes of the moments.
-    pub(crate) fn across(&self, V: &Vector6<f64>) -> Vector6<f64> {
+    pub(crate) fn across(&self, V: &Vector6) -> Vector6 {
         let (v, omega) = (linear(V), angular(V));
         stack(&(v - self.along(&v)), &(omega - self.turn(&omega)))
     }
 
     /// The share of a vector that is along e.
-    pub(crate) fn along(&self, v: &Vector3<f64>) -> Vector3<f64> {
+    pub(crate) fn along(&self, v: &Vector3) -> Vector3 {
         self.e * self.e.dot(v)
     }
 
     /// The share of a rotation, or of its rate, that is about the axes of the moments.
-    fn turn(&self, omega: &Vector3<f64>) -> Vector3<f64> {
+    fn turn(&self, omega: &Vector3) -> Vector3 {
         self.about.iter().map(|axis| axis * axis.dot(omega)).sum()
     }
 
     /// `R_d`, turned about the axes of the moments to where `R` is.
-    fn turned(&self, R_d: &Matrix3<f64>, R: &Matrix3<f64>) -> Matrix3<f64> {
+    fn turned(&self, R_d: &Matrix3, R: &Matrix3) -> Matrix3 {
         if self.about[0] == Vector3::zeros() {
             return *R_d;
         }
@@ -491,7 +488,7 @@ impl Press<'_> {
     }
 
     /// The moments that are off their set-points, about each axis, under the wrench `F` on the hand; N·m.
-    pub(crate) fn off_nm(&self, F: &Vector6<f64>) -> [f64; MOMENTS] {
+    pub(crate) fn off_nm(&self, F: &Vector6) -> [f64; MOMENTS] {
         array::from_fn(|i| -self.about[i].dot(&angular(F)) - self.newton_metres[i])
     }
 
@@ -501,7 +498,7 @@ impl Press<'_> {
     }
 
     /// The directions of the force and of the moments, as twists; zero beyond their number.
-    pub(crate) fn axes(&self) -> [Vector6<f64>; 1 + MOMENTS] {
+    pub(crate) fn axes(&self) -> [Vector6; 1 + MOMENTS] {
         let [a, b, c] = self.about.map(|axis| stack(&Vector3::zeros(), &axis));
         [stack(&self.e, &Vector3::zeros()), a, b, c]
     }
@@ -520,8 +517,8 @@ impl Press<'_> {
 /// The joint that holds least along `row`, and the force that it holds: the largest f with |g_i + f·row_i| ≤ limit_i, N.
 fn strongest<const N: usize>(
     terms: &Terms<N>,
-    effort: &SVector<f64, N>,
-    row: &SVector<f64, N>,
+    effort: &Joints<N>,
+    row: &Joints<N>,
 ) -> Option<(usize, f64)> {
     let most = |i: usize| {
         let room = effort[i] - terms.gravity[i] * row[i].signum();
@@ -532,13 +529,13 @@ fn strongest<const N: usize>(
 }
 
 /// The stiffest surface on which the arm stays along `row` with ticks of `dt` s, N/m or N·m/rad; `None` of a mass matrix that has no inverse.
-fn stiffest<const N: usize>(terms: &Terms<N>, row: &SVector<f64, N>, dt: f64) -> Option<f64> {
+fn stiffest<const N: usize>(terms: &Terms<N>, row: &Joints<N>, dt: f64) -> Option<f64> {
     let (_, mobility) = response(terms, row).ok()?;
     Some(STIFFEST / (mobility * dt * dt))
 }
 
 /// J_eᵀ: the row of the velocity of E along e.
-fn pressing_row<const N: usize>(terms: &Terms<N>, e: &Vector3<f64>) -> SVector<f64, N> {
+fn pressing_row<const N: usize>(terms: &Terms<N>, e: &Vector3) -> Joints<N> {
     terms.J.fixed_rows::<3>(0).tr_mul(e)
 }
 
@@ -596,12 +593,7 @@ pub(crate) fn step<const N: usize>(
 /// The acceleration `a` of C where a part of e is lost: the part that is left moves the hand along e by `along`, m/s², whatever path lies across e.
 ///
 /// Also the share in which it does so: none where hardly any of e is left.
-fn serve<const N: usize>(
-    now: &Now<'_, N>,
-    a: &Vector6<f64>,
-    e: &Vector3<f64>,
-    along: f64,
-) -> (Vector6<f64>, f64) {
+fn serve<const N: usize>(now: &Now<'_, N>, a: &Vector6, e: &Vector3, along: f64) -> (Vector6, f64) {
     let left = now.report.listed().iter().fold(*e, |left, s| {
         let axis = linear(&s.zeta_B);
         let lost = 1.0 - s.neighborhood().openness(s.s);
@@ -622,7 +614,7 @@ fn serve<const N: usize>(
 }
 
 /// The share of an axis of rotation, 0 to 1, that no singularity takes.
-fn left<const N: usize>(now: &Now<'_, N>, axis: &Vector3<f64>) -> f64 {
+fn left<const N: usize>(now: &Now<'_, N>, axis: &Vector3) -> f64 {
     now.report.listed().iter().fold(1.0, |left, s| {
         let along = angular(&s.zeta_B).dot(axis);
         left - left * along * along * (1.0 - s.neighborhood().openness(s.s))
@@ -632,8 +624,8 @@ fn left<const N: usize>(now: &Now<'_, N>, axis: &Vector3<f64>) -> f64 {
 /// Of a force of 1 N along e: A⁻¹Jᵀe, the acceleration of the joints, and 1/Λ, that of the hand along e, 1/kg.
 fn response<const N: usize>(
     terms: &Terms<N>,
-    row: &SVector<f64, N>,
-) -> Result<(SVector<f64, N>, f64), Refusal> {
+    row: &Joints<N>,
+) -> Result<(Joints<N>, f64), Refusal> {
     let A = Cholesky::new(terms.A)?;
     let response = A.solve(row);
     Ok((response, row.dot(&response).max(MOBILITY)))
@@ -646,8 +638,8 @@ fn response<const N: usize>(
 pub(crate) fn observed<const N: usize>(
     press: &Press<'_>,
     terms: &Terms<N>,
-    tau_disturbance: &SVector<f64, N>,
-) -> Result<Vector6<f64>, Refusal> {
+    tau_disturbance: &Joints<N>,
+) -> Result<Vector6, Refusal> {
     let pressed_n = unexplained(terms, &pressing_row(terms, &press.e), tau_disturbance)?;
     Ok(stack(&(press.e * -pressed_n), &Vector3::zeros()))
 }
@@ -655,8 +647,8 @@ pub(crate) fn observed<const N: usize>(
 /// The force along e that explains the disturbance torque, −J̄_eᵀτ; N.
 fn unexplained<const N: usize>(
     terms: &Terms<N>,
-    row: &SVector<f64, N>,
-    tau_disturbance: &SVector<f64, N>,
+    row: &Joints<N>,
+    tau_disturbance: &Joints<N>,
 ) -> Result<f64, Refusal> {
     let (response, mobility) = response(terms, row)?;
     Ok(-response.dot(tau_disturbance) / mobility)
@@ -726,11 +718,11 @@ impl Pressing {
     fn twist<const N: usize>(
         &mut self,
         press: &Press<'_>,
-        wrist: &Vector6<f64>,
+        wrist: &Vector6,
         now: &Now<'_, N>,
         tuning: &Tuning,
         dt: f64,
-    ) -> (Vector3<f64>, Vector3<f64>) {
+    ) -> (Vector3, Vector3) {
         let is_touching = matches!(self.stage, Stage::Rising | Stage::Moving);
         self.turns = press.twists() && (self.turns || is_touching);
         if !self.turns {
@@ -762,13 +754,13 @@ impl Pressing {
     }
 
     /// −JᵀF: what bears the contact that the wrist's sensor measures; N·m. `None`: there is none.
-    pub(crate) fn bearing<const N: usize>(&self, terms: &Terms<N>) -> Option<SVector<f64, N>> {
+    pub(crate) fn bearing<const N: usize>(&self, terms: &Terms<N>) -> Option<Joints<N>> {
         let is_felt = self.wrist != Vector6::zeros();
         is_felt.then(|| -terms.J.tr_mul(&self.wrist))
     }
 
     /// The state of a hand on which the wrench `wrist` acts about E, base axes, N, N·m, and that presses on nothing.
-    pub(crate) fn touching(wrist: Vector6<f64>) -> Self {
+    pub(crate) fn touching(wrist: Vector6) -> Self {
         Self {
             wrist,
             ..Self::default()

@@ -4,7 +4,7 @@
 use super::Engaged;
 use super::auxiliary::{Demand, Gains};
 use crate::controller::Setup;
-use crate::linear::{linear, sign};
+use crate::linear::{Joints, Vector3, Vector6, linear, sign};
 use crate::paper::reference::Target;
 use crate::paper::type_1::{self, SIDE_CHANGE};
 use crate::paper::type_2;
@@ -17,7 +17,6 @@ use crate::state::State;
 use crate::tick::{Motion, Now};
 use crate::types::{Class, Mode, Refusal, Report, Singularity};
 use model::TaskAxes;
-use nalgebra::{SVector, Vector3, Vector6};
 use shared_types::MAX_SINGULARITIES;
 use shared_types::scenario::Strategy;
 
@@ -47,7 +46,7 @@ impl<const N: usize> SingularRows<N> {
             zeta_B: Vector6::zeros(),
             gain: 0.0,
             beta: 1.0,
-            aux_row: SVector::zeros(),
+            aux_row: Joints::zeros(),
             aux_acceleration: 0.0,
             aux_rate: 0.0,
         };
@@ -144,7 +143,7 @@ const CARRIED: (f64, f64) = (0.002, 0.01);
 /// The opening of a fold inside its neighbourhood, without a plan.
 struct Opening {
     /// Motion at C per rad of the coordinate, m and 1; zero of what is no fold.
-    per_aux: Vector6<f64>,
+    per_aux: Vector6,
     /// Its largest rate, rad/s: one at which the coordinates of the other lost directions can hold the hand along them.
     rate_max: f64,
 }

@@ -180,13 +180,13 @@ pub fn null_torque<const N: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::linear::unit;
+    use crate::linear::{Matrix3, Vector3, Vector6, unit};
     use crate::testing::{posture, puma, three_r};
-    use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
+    use nalgebra::Matrix6;
     use proptest::prelude::*;
 
     /// The rows of a Jacobian whose first `count` are kept, as columns.
-    fn kept<const N: usize>(J: &SMatrix<f64, 6, N>, count: usize) -> SMatrix<f64, N, N> {
+    fn kept<const N: usize>(J: &Jacobian<N>, count: usize) -> SMatrix<f64, N, N> {
         SMatrix::from_fn(|i, k| if k < count { J[(k, i)] } else { 0.0 })
     }
 
@@ -234,7 +234,7 @@ mod tests {
         let terms = three_r().evaluate(&Vector3::new(0.5, 1.0, 0.8), &Vector3::zeros());
         let J = terms.J.fixed_rows::<2>(0).into_owned();
         let Gamma_0 = Vector3::new(20.0, -10.0, 15.0);
-        let accelerates = |Gamma: Vector3<f64>| (J * terms.A.try_inverse().unwrap() * Gamma).norm();
+        let accelerates = |Gamma: Vector3| (J * terms.A.try_inverse().unwrap() * Gamma).norm();
         let op = Operational::new(kept(&terms.J, 2), 2, &terms.A).unwrap();
         let consistent = accelerates(op.torque(&SVector::zeros(), &Gamma_0));
         let Jplus = J.pseudo_inverse(1e-9).unwrap();

@@ -1,8 +1,7 @@
 //! The singular frame: the directions of the task that are orthogonal to the singular ones.
 
-use crate::linear::{Basis, halves};
+use crate::linear::{Basis, Vector3, Vector6, halves};
 use crate::types::Refusal;
-use nalgebra::{Vector3, Vector6};
 
 /// The orthogonal complement of the singular directions in the task, translations and rotations apart.
 ///
@@ -17,7 +16,7 @@ use nalgebra::{Vector3, Vector6};
 #[inline]
 pub fn orthogonal_rows<const N: usize>(
     task: &[bool; 6],
-    zetas: impl ExactSizeIterator<Item = Vector6<f64>> + Clone,
+    zetas: impl ExactSizeIterator<Item = Vector6> + Clone,
 ) -> Result<Basis<6>, Refusal> {
     let mut orthogonal = Basis::<6>::empty();
     for from in [0, 3] {

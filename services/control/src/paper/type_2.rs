@@ -1,8 +1,8 @@
 //! Type 2: null-space motion only turns ζ_i. It is held constant, or driven to ζ_id by a potential [CK95 §4].
 
 use super::reference::Target;
+use crate::linear::{Joints, Vector3};
 use crate::types::{Mode, Singularity};
-use nalgebra::{SVector, Vector3};
 
 /// Turning rate of ζ per null motion, rad per rad, below which it cannot be turned.
 pub const TURNS: f64 = 0.05;
@@ -22,11 +22,11 @@ pub fn held() -> Target {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Turn<const N: usize> {
     /// ζ when it began.
-    pub from: Vector3<f64>,
+    pub from: Vector3,
     /// The whole angle, rad.
     pub angle: f64,
     /// Predicted motion of each joint, rad.
-    pub by: SVector<f64, N>,
+    pub by: Joints<N>,
     /// Predicted duration, s; 0 before it begins.
     pub duration_s: f64,
 }
@@ -38,7 +38,7 @@ impl<const N: usize> Turn<N> {
         Self {
             from: Vector3::zeros(),
             angle: 0.0,
-            by: SVector::zeros(),
+            by: Joints::zeros(),
             duration_s: 0.0,
         }
     }
@@ -71,7 +71,7 @@ impl<const N: usize> Turn<N> {
 }
 
 /// Angle through which ζ_i has turned since `from`, in (−π, π], about the second axis of its singular frame.
-fn turned<const N: usize>(s: &Singularity<N>, from: &Vector3<f64>) -> f64 {
+fn turned<const N: usize>(s: &Singularity<N>, from: &Vector3) -> f64 {
     let (zeta, axis) = (s.axis(), s.R_BS.column(1).into_owned());
     libm::atan2(axis.dot(&from.cross(&zeta)), from.dot(&zeta))
 }

@@ -1,10 +1,9 @@
 //! A goal beyond reach, as the plan of the path finds it: said before the start, and where its leg has ended short of it (+).
 
 use crate::controller::Setup;
-use crate::linear::{angular, linear};
+use crate::linear::{Vector6, angular, linear};
 use crate::reference::guide::Guide;
 use crate::types::Command;
-use nalgebra::Vector6;
 use shared_types::bounds::within;
 
 /// A goal that no posture of the arm has, found before the first tick, in words.

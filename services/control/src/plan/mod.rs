@@ -31,13 +31,13 @@ mod schedule;
 pub use request::{Deviation, Request};
 pub use schedule::{PathPlan, Sample};
 
+use crate::linear::{Joints, Vector3};
 use crate::paper::type_1::SIDE_CHANGE;
 use crate::reference::path::{Leg, Progress};
 use crate::singularity::analyzer::Analyzer;
 use crate::types::{Kind, Report};
 use kinematics::Kinematics;
 use model::{Model, Pose};
-use nalgebra::{SVector, Vector3};
 use request::{analyse, centre};
 use route::{ADVICE, ARRIVED, Block, Effort, Furthest, Knot, STEPS, Search, Stretch};
 
@@ -95,7 +95,7 @@ pub enum Obstacle {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Remedy<const N: usize> {
     /// Start in this posture of the same pose, rad.
-    Start(SVector<f64, N>),
+    Start(Joints<N>),
     /// Allow so much deviation from the path.
     Allow(Deviation),
 }
@@ -357,7 +357,7 @@ impl<'a, const N: usize> Route<'a, N> {
         let q = self.search.node(node).q;
         // Where ζ cannot be turned the controller reports it when the leg begins.
         let by = self.request.turning(&q, &self.report, place, angle);
-        let by = by.unwrap_or_else(SVector::zeros);
+        let by = by.unwrap_or_else(Joints::zeros);
         let knots = (1..=24).map(|k| {
             let t = leg.duration_s * f64::from(k) / 24.0;
             let x = self.request.path.fraction(&Progress {
@@ -380,7 +380,7 @@ impl<'a, const N: usize> Route<'a, N> {
             ..
         } = request;
         let (begun, from_s, pose) = (self.progress, self.from_s, self.pose(self.progress));
-        let side = |q: &SVector<f64, N>| request.side(q);
+        let side = |q: &Joints<N>| request.side(q);
         let goal = postures.get(begun.leg).copied().flatten();
         let before = begun
             .leg
@@ -407,9 +407,7 @@ impl<'a, const N: usize> Route<'a, N> {
             pose: &pose,
             branch: leg.branch,
             side: &side,
-            posture: goal
-                .is_some()
-                .then_some(&ramp as &dyn Fn(f64) -> SVector<f64, N>),
+            posture: goal.is_some().then_some(&ramp as &dyn Fn(f64) -> Joints<N>),
             layers: &layers,
             lines: lines as u32,
             effort: if still && effort == Effort::Fan {
@@ -541,18 +539,18 @@ fn layers(duration_s: f64, count: usize, others: impl Iterator<Item = f64>) -> V
 pub(crate) fn reachable<const N: usize>(
     arm: &Kinematics<'_, N>,
     X: &Pose,
-    near: &SVector<f64, N>,
+    near: &Joints<N>,
 ) -> bool {
-    let solves = |q: &SVector<f64, N>| arm.approach(X, q).is_some();
+    let solves = |q: &Joints<N>| arm.approach(X, q).is_some();
     let middle = spread(arm.model, 0);
     let beside = |k: u32| near + (spread(arm.model, k) - middle) * 0.2;
     solves(near) || (0..SEEDS).any(|k| solves(&beside(k)) || solves(&spread(arm.model, k)))
 }
 
 /// The `k`-th of a sequence of postures that fills the joint ranges evenly: additive recurrence with the roots of primes.
-fn spread<const N: usize>(model: &Model<N>, k: u32) -> SVector<f64, N> {
+fn spread<const N: usize>(model: &Model<N>, k: u32) -> Joints<N> {
     const PRIMES: [f64; 8] = [2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0, 19.0];
-    SVector::from_fn(|i, _| {
+    Joints::from_fn(|i, _| {
         let x = (f64::from(k + 1) * PRIMES[i % PRIMES.len()].sqrt()).fract();
         let (low, high) = (model.lower()[i].max(-3.2), model.upper()[i].min(3.2));
         low + x * (high - low)

@@ -1,13 +1,13 @@
 //! The task of a plan (+).
 
 use super::kinematics::Kinematics;
+use crate::linear::{Joints, Vector3};
 use crate::reference::path::Path;
 use crate::reference::turn::{self, Room};
 use crate::singularity::analyzer::Analyzer;
 use crate::singularity::turning::turning;
 use crate::types::{Kind, Report, Singularity};
 use model::{Model, Robot};
-use nalgebra::{SVector, Vector3};
 use shared_types::scenario::{Goal, Scenario};
 
 /// A deviation from a path.
@@ -57,9 +57,9 @@ pub struct Request<'a, const N: usize> {
     /// The task's path.
     pub path: &'a Path,
     /// Where the arm starts, rad.
-    pub q_start: SVector<f64, N>,
+    pub q_start: Joints<N>,
     /// Posture goals of the legs whose null-space posture is commanded, rad.
-    pub postures: &'a [Option<SVector<f64, N>>],
+    pub postures: &'a [Option<Joints<N>>],
     /// Finds the singularities along the route.
     pub analyzer: &'a Analyzer<N>,
     /// How far the path may be left.
@@ -71,13 +71,13 @@ const UNSTATED: f64 = std::f64::consts::PI;
 
 impl<'a, const N: usize> Request<'a, N> {
     /// Fastest joint motion that is planned, rad/s.
-    pub(super) fn velocity(&self) -> SVector<f64, N> {
+    pub(super) fn velocity(&self) -> Joints<N> {
         let stated = |limit: f64| if limit.is_finite() { limit } else { UNSTATED };
         self.model.velocity().map(stated)
     }
 
     /// The elbow of a posture, else the first of its singularities.
-    pub(super) fn fold(&self, q: &SVector<f64, N>) -> Option<Singularity<N>> {
+    pub(super) fn fold(&self, q: &Joints<N>) -> Option<Singularity<N>> {
         let report = analyse(&mut self.analyzer.clone(), self.model, q);
         let mut listed = report.listed().iter();
         let elbow = listed.find(|s| s.kind == Kind::Elbow);
@@ -85,7 +85,7 @@ impl<'a, const N: usize> Request<'a, N> {
     }
 
     /// The side of a fold that a posture is on. By factors sin θ: the coordinate of an elbow that is folded back is another joint.
-    pub(super) fn side(&self, q: &SVector<f64, N>) -> f64 {
+    pub(super) fn side(&self, q: &Joints<N>) -> f64 {
         let is_factored = self.analyzer.family().is_factored();
         self.fold(q).map_or(0.0, |s| match s.kind {
             Kind::Elbow if is_factored => s.s,
@@ -96,11 +96,11 @@ impl<'a, const N: usize> Request<'a, N> {
     /// Joint motion that turns ζ of the singularity in a place by an angle, rad, end-effector held; `None` where there is none within limits.
     pub(super) fn turning(
         &self,
-        q: &SVector<f64, N>,
+        q: &Joints<N>,
         report: &Report<N>,
         place: usize,
         angle: f64,
-    ) -> Option<SVector<f64, N>> {
+    ) -> Option<Joints<N>> {
         let (model, control) = (self.model, &self.scenario.control);
         let s = report.listed().get(place)?;
         let motion = |angle: f64| turning(self.analyzer.family(), model, q, s, angle);
@@ -109,7 +109,7 @@ impl<'a, const N: usize> Request<'a, N> {
     }
 
     /// The kinematics of C, which lies at `p_EC` in the end-effector's axes.
-    pub(super) fn kinematics(&self, p_EC: Vector3<f64>) -> Kinematics<'a, N> {
+    pub(super) fn kinematics(&self, p_EC: Vector3) -> Kinematics<'a, N> {
         Kinematics {
             model: self.model,
             p_EC,
@@ -122,9 +122,9 @@ impl<'a, const N: usize> Request<'a, N> {
 /// C in the end-effector's axes, from the analysis of the start posture.
 pub(super) fn centre<const N: usize>(
     model: &Model<N>,
-    q: &SVector<f64, N>,
+    q: &Joints<N>,
     report: &Report<N>,
-) -> Vector3<f64> {
+) -> Vector3 {
     let X = model.forward_kinematics(q);
     X.R.transpose() * (report.p_BC - X.p)
 }
@@ -133,8 +133,8 @@ pub(super) fn centre<const N: usize>(
 pub(super) fn analyse<const N: usize>(
     analyzer: &mut Analyzer<N>,
     model: &Model<N>,
-    q: &SVector<f64, N>,
+    q: &Joints<N>,
 ) -> Report<N> {
-    let zero = SVector::zeros();
+    let zero = Joints::zeros();
     analyzer.step(q, &zero, &model.evaluate(q, &zero))
 }

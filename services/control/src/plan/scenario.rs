@@ -1,6 +1,7 @@
 //! The path plan of a scenario: made when a controller is, put into words where there is none (+).
 
 use crate::limits::clock::MARGIN;
+use crate::linear::Joints;
 use crate::plan::request::analyse;
 use crate::plan::schedule::SLOWEST;
 use crate::plan::{Deviation, Infeasible, Obstacle, PathPlan, Remedy, Request, plan, remedy};
@@ -8,7 +9,6 @@ use crate::reference::path::Path;
 use crate::setup::{SetupError, posture_goals, start_posture};
 use crate::singularity::analyzer::Analyzer;
 use model::{Joint, JointKind, Model, Refused, Robot};
-use nalgebra::SVector;
 use shared_types::scenario::{Goal, Scenario, Start};
 
 /// Distance from a joint limit from which a path may start, rad (m): many times the noise of an encoder, and of the tracking.
@@ -63,7 +63,7 @@ impl<const N: usize> Request<'_, N> {
     }
 
     /// A joint whose torque limit does not hold the arm against gravity with a margin to move it, in words.
-    fn too_heavy(&self, q: &SVector<f64, N>, place: &str) -> Option<String> {
+    fn too_heavy(&self, q: &Joints<N>, place: &str) -> Option<String> {
         let Self { model, robot, .. } = *self;
         let gravity = model.gravity(q);
         let joint = (0..robot.dof()).find(|i| gravity[*i].abs() > MARGIN * model.effort()[*i])?;
@@ -147,7 +147,7 @@ fn changed<const N: usize>(robot: &Robot, scenario: &Scenario, remedy: &Remedy<N
 }
 
 /// A posture as a scenario states it, rounded.
-fn start<const N: usize>(robot: &Robot, q: &SVector<f64, N>) -> Start {
+fn start<const N: usize>(robot: &Robot, q: &Joints<N>) -> Start {
     let slides = robot
         .joints
         .iter()
@@ -170,7 +170,7 @@ fn start<const N: usize>(robot: &Robot, q: &SVector<f64, N>) -> Start {
 }
 
 /// A joint that begins so near to its limit that noise takes it beyond, in words.
-fn too_near<const N: usize>(robot: &Robot, q: &SVector<f64, N>) -> Option<String> {
+fn too_near<const N: usize>(robot: &Robot, q: &Joints<N>) -> Option<String> {
     let room = |i: usize| (q[i] - robot.joints[i].lower).min(robot.joints[i].upper - q[i]);
     let joint = (0..robot.dof()).find(|i| room(*i) < START_CLEAR)?;
     let Joint { name, kind, .. } = &robot.joints[joint];

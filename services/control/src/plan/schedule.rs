@@ -4,11 +4,10 @@ use super::kinematics::{Kinematics, lowest};
 use super::request::{Request, analyse, centre};
 use super::route::Knot;
 use crate::limits::{clock, range};
-use crate::linear::largest_share;
+use crate::linear::{Joints, largest_share};
 use crate::reference::path::{Leg, Path, Progress, ramped};
 use crate::types::Report;
 use model::Pose;
-use nalgebra::SVector;
 
 /// Share of a speed limit that the schedule takes.
 const SCHEDULED: f64 = 0.92;
@@ -46,9 +45,9 @@ const INSTANT: f64 = 1e-3;
 struct Point<const N: usize> {
     u: f64,
     t: f64,
-    q: SVector<f64, N>,
+    q: Joints<N>,
     /// dq/du, rad/s.
-    slope: SVector<f64, N>,
+    slope: Joints<N>,
     /// Fastest clock here for which what follows can still be braked for.
     speed: f64,
 }
@@ -60,7 +59,7 @@ struct Way<const N: usize> {
     /// Δs.
     length: f64,
     /// q′.
-    slope: SVector<f64, N>,
+    slope: Joints<N>,
     /// ṡ and s̈ at its beginning and in its middle.
     law: [(f64, f64); 2],
     /// s⃛ between them.
@@ -89,9 +88,9 @@ pub struct Sample<const N: usize> {
     /// Speed of the path's clock against the route's: 1, or 0 while the path waits.
     pub time_rate: f64,
     /// Posture, rad.
-    pub q: SVector<f64, N>,
+    pub q: Joints<N>,
     /// Its rate per unit of the route's clock, rad/s.
-    pub dq: SVector<f64, N>,
+    pub dq: Joints<N>,
 }
 
 impl<const N: usize> PathPlan<N> {
@@ -129,7 +128,7 @@ impl<const N: usize> PathPlan<N> {
                 (points[i + 1].q - points[i].q) / b,
             );
             let mean = (before * b + after * a) / (a + b);
-            points[i].slope = SVector::from_fn(|j, _| {
+            points[i].slope = Joints::from_fn(|j, _| {
                 // Between a quick stretch and a slow one the spline must not overshoot.
                 let bound = 2.0 * before[j].abs().min(after[j].abs()) + 0.1;
                 // A cubic lies within its control points, a third of the slope away: they stay within the limits.
@@ -206,7 +205,7 @@ impl<const N: usize> PathPlan<N> {
 
     /// The leg that is the fastest for its joints, and the clock at which they can follow it: at most [`SCHEDULED`] of their limits at the peak of its time
     /// law.
-    pub(super) fn fastest(&self, path: &Path, velocity: &SVector<f64, N>) -> (usize, f64) {
+    pub(super) fn fastest(&self, path: &Path, velocity: &Joints<N>) -> (usize, f64) {
         let mut needed = vec![0.0; self.legs()];
         for pair in self.points.windows(2).filter(|pair| pair[1].t > pair[0].t) {
             let by = pair[1].q - pair[0].q;
@@ -263,7 +262,7 @@ impl<const N: usize> PathPlan<N> {
         let coriolis = model.bias(&from.q, &(slope * v)) - gravity;
         let (effort, torque_rate) = (model.effort(), model.torque_rate());
         let bends_here = if is_regular {
-            [SVector::zeros(); 2]
+            [Joints::zeros(); 2]
         } else {
             let own = model.bias(&from.q, &from.slope) - gravity;
             self.bends(i).map(|bend| A * bend * BENDS + own)
@@ -289,7 +288,7 @@ impl<const N: usize> PathPlan<N> {
     }
 
     /// The route's second derivative by its clock at a point, rad/s²: of the spline that ends there, and of the one that begins.
-    fn bends(&self, i: usize) -> [SVector<f64, N>; 2] {
+    fn bends(&self, i: usize) -> [Joints<N>; 2] {
         let bend = |pair: &[Point<N>], at_end: f64| {
             let h = pair[1].u - pair[0].u;
             let mean = (pair[1].q - pair[0].q) / h;
@@ -299,7 +298,7 @@ impl<const N: usize> PathPlan<N> {
         };
         let between = |from: Option<usize>, at_end: f64| {
             let pair = from.and_then(|from| self.points.get(from..from + 2));
-            pair.map_or_else(SVector::zeros, |pair| bend(pair, at_end))
+            pair.map_or_else(Joints::zeros, |pair| bend(pair, at_end))
         };
         [between(i.checked_sub(1), 1.0), between(Some(i), 0.0)]
     }
@@ -340,7 +339,7 @@ impl<const N: usize> PathPlan<N> {
     }
 
     /// The route's postures.
-    pub fn postures(&self) -> impl Iterator<Item = (f64, &SVector<f64, N>)> {
+    pub fn postures(&self) -> impl Iterator<Item = (f64, &Joints<N>)> {
         self.points.iter().map(|point| (point.t, &point.q))
     }
 
@@ -394,15 +393,12 @@ impl<const N: usize> PathPlan<N> {
     #[must_use]
     pub fn at(&self, u: f64) -> Sample<N> {
         let Some((a, b, x)) = self.about(u) else {
-            let q = self
-                .points
-                .last()
-                .map_or_else(SVector::zeros, |last| last.q);
+            let q = self.points.last().map_or_else(Joints::zeros, |last| last.q);
             return Sample {
                 t: self.time_beyond(u),
                 time_rate: 1.0,
                 q,
-                dq: SVector::zeros(),
+                dq: Joints::zeros(),
             };
         };
         let h = b.u - a.u;
@@ -433,11 +429,11 @@ fn timed<const N: usize>(
     knots: &[Knot<N>],
     ends: &[f64],
 ) -> (Vec<Point<N>>, Vec<usize>, Vec<usize>) {
-    let point = |u: f64, t: f64, q: SVector<f64, N>| Point {
+    let point = |u: f64, t: f64, q: Joints<N>| Point {
         u,
         t,
         q,
-        slope: SVector::zeros(),
+        slope: Joints::zeros(),
         speed: 1.0,
     };
     let at_end = |t: f64| t < 1e-9 || ends.iter().any(|end| (end - t).abs() < 1e-9);
@@ -502,9 +498,9 @@ fn self_motion<const N: usize>(
     request: &Request<'_, N>,
     arm: &Kinematics<'_, N>,
     from: &Point<N>,
-    way: &[SVector<f64, N>],
+    way: &[Joints<N>],
     rests: bool,
-) -> Vec<(f64, SVector<f64, N>)> {
+) -> Vec<(f64, Joints<N>)> {
     let speeds = request.velocity() * SCHEDULED;
     let lengths = way.windows(2);
     let lengths: Vec<f64> = lengths
@@ -539,11 +535,7 @@ fn self_motion<const N: usize>(
 }
 
 /// Torque of a self-motion along `way` over what there is for it, per acceleration along the way, whose parts take `lengths` at full speed, s; s.
-fn inertia<const N: usize>(
-    request: &Request<'_, N>,
-    way: &[SVector<f64, N>],
-    lengths: &[f64],
-) -> f64 {
+fn inertia<const N: usize>(request: &Request<'_, N>, way: &[Joints<N>], lengths: &[f64]) -> f64 {
     let model = request.model;
     let (A, gravity) = (model.mass_matrix(&way[0]), model.gravity(&way[0]));
     let room = model.effort().zip_map(&gravity, |effort, gravity| {

@@ -1,6 +1,7 @@
 //! Routes that begin in a lock, and those of spare joints.
 
 use super::*;
+use crate::linear::Joints;
 use crate::reference::path::Path;
 use crate::singularity::analyzer::Analyzer;
 use crate::testing::{Bench, robot};
@@ -229,12 +230,12 @@ fn an_absent_joint_is_not_searched() {
         task: [true, true, false, false, false, false],
         length_m: 1.0,
     };
-    let spectrum = arm.spectrum(&SVector::from([0.3, 0.9, 0.8, 0.0, 0.0, 0.0]));
+    let spectrum = arm.spectrum(&Joints::from([0.3, 0.9, 0.8, 0.0, 0.0, 0.0]));
     let [spare] = spectrum.spare() else {
         panic!("{:?}", spectrum.spare())
     };
     assert!(
-        spare.rows(3, 3).amax() == 0.0 && (arm.spectrum(&SVector::zeros()).J * spare).amax() > 0.0
+        spare.rows(3, 3).amax() == 0.0 && (arm.spectrum(&Joints::zeros()).J * spare).amax() > 0.0
     );
     assert!((spectrum.J * spare).norm() < 1e-12);
 }

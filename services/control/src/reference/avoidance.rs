@@ -6,13 +6,12 @@
 //! Reduces to nothing: beyond twice η_out the weight is zero, and the null space has its posture control alone.
 
 use crate::controller::Setup;
-use crate::linear::{Basis, smoothstep, unit};
+use crate::linear::{Basis, Jacobian, Joints, smoothstep, unit};
 use crate::paper::operational_space::Cholesky;
 use crate::singularity::screws::Screws;
 use crate::tick::Now;
 use crate::types::Singularity;
 use model::{TaskAxes, unit_scaled};
-use nalgebra::{SMatrix, SVector};
 use shared_types::bounds::within;
 
 /// |s| over η_out at which the null space begins to be driven.
@@ -25,10 +24,7 @@ const DRIVE: (f64, f64) = (1.0, 0.8);
 ///
 /// `None` far from every singularity of codimension two or more, and for more or fewer than one spare joint.
 /// Cost about 1 µs near a singularity, none elsewhere; no allocation.
-pub(crate) fn away<const N: usize>(
-    setup: &Setup<N>,
-    now: &Now<'_, N>,
-) -> Option<(SVector<f64, N>, f64)> {
+pub(crate) fn away<const N: usize>(setup: &Setup<N>, now: &Now<'_, N>) -> Option<(Joints<N>, f64)> {
     let is_ours = setup.scenario.control.strategy.is_ours();
     let first = setup.family.first_of_higher_codimension();
     let first = first.filter(|_| is_ours)?;
@@ -47,9 +43,9 @@ pub(crate) fn away<const N: usize>(
     // Inside, the singularity's own strategy acts, and what is left of the null space rests.
     let open = smoothstep((nearest.s.abs() / nearest.eta_in - 1.0) / 0.3);
     if open == 0.0 {
-        return Some((SVector::zeros(), weight));
+        return Some((Joints::zeros(), weight));
     }
-    let scaled = |rows: &SMatrix<f64, 6, N>| unit_scaled(rows, report.length_m, task);
+    let scaled = |rows: &Jacobian<N>| unit_scaled(rows, report.length_m, task);
     let S = scaled(J);
     let mut basis = Basis::<N>::empty();
     for k in (0..6).filter(|k| task[*k]) {

@@ -2,10 +2,10 @@
 //!
 //! Reduces to the paper's law: without a plan nothing changes, and on a feasible path the planned coordinate is the one that the path needs.
 
+use crate::linear::Joints;
 use crate::paper::reference::Target;
 use crate::plan::{PathPlan, Sample};
 use crate::types::{Mode, Singularity};
-use nalgebra::SVector;
 
 /// Error of a planned auxiliary coordinate from which, and at which, the clock waits for it, rad.
 const WAIT_FROM: f64 = 0.05;
@@ -22,13 +22,13 @@ const LAG_S: f64 = 0.04;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Planned<const N: usize> {
     /// Posture, rad.
-    pub q: SVector<f64, N>,
+    pub q: Joints<N>,
     /// Its rate, rad/s.
-    pub qdot: SVector<f64, N>,
+    pub qdot: Joints<N>,
     /// Its acceleration, rad/s²: the mean over a time in which a torque can rise.
-    pub qddot: SVector<f64, N>,
+    pub qddot: Joints<N>,
     /// The same for spare joints: the mean over a longer time, for their plan is no smoother than it need be, and leaves the torque rates to the path.
-    pub qddot_spare: SVector<f64, N>,
+    pub qddot_spare: Joints<N>,
     /// Speed of the path's clock against the route's: 1, or 0 while the path waits.
     pub time_rate: f64,
 }
@@ -61,7 +61,7 @@ impl<const N: usize> Guide<N> {
 
     /// The leg whose goal is beyond reach, before which the plan ends, and the posture in which it does, rad.
     #[must_use]
-    pub fn beyond_reach(&self) -> Option<(usize, SVector<f64, N>)> {
+    pub fn beyond_reach(&self) -> Option<(usize, Joints<N>)> {
         let plan = self.plan.as_ref()?;
         plan.is_short()
             .then(|| (plan.legs(), plan.at(plan.duration_s()).q))
@@ -101,7 +101,7 @@ impl<const N: usize> Guide<N> {
 
     /// The target of an auxiliary coordinate: its gradient times the way to the planned posture.
     #[must_use]
-    pub fn target(&self, s: &Singularity<N>, planned: &Planned<N>, q: &SVector<f64, N>) -> Target {
+    pub fn target(&self, s: &Singularity<N>, planned: &Planned<N>, q: &Joints<N>) -> Target {
         let mode = if planned.time_rate == 0.0 {
             Mode::Reorient
         } else {

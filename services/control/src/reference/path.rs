@@ -7,10 +7,10 @@
 use super::curve::{self, Curve, CurveError, Point, Sample};
 use super::free_axis::free_axis;
 use crate::centre::PoseMotion;
-use crate::linear::{rotation_exp, rotation_log, stack};
+use crate::linear::{Matrix3, Vector3, Vector6, rotation_exp, rotation_log, stack};
 use crate::types::{Class, Kind, Report, Singularity};
 use model::Pose;
-use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{Quaternion, UnitQuaternion};
 use shared_types::codes;
 use shared_types::scenario::{self, Axis, Frame, Scenario};
 
@@ -94,15 +94,15 @@ const EXACT: f64 = 1e-5;
 /// A direction in B, known now or when the leg begins.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Direction {
-    Fixed(Vector3<f64>),
+    Fixed(Vector3),
     /// In the hand's axes at the leg's start.
-    Tool(Vector3<f64>),
+    Tool(Vector3),
     /// ζ of the singularity in this place of the report, at the leg's start.
     Zeta(usize),
 }
 
 impl Direction {
-    fn resolve<const N: usize>(&self, start: &Pose, report: &Report<N>) -> Vector3<f64> {
+    fn resolve<const N: usize>(&self, start: &Pose, report: &Report<N>) -> Vector3 {
         match *self {
             Self::Fixed(direction) => direction,
             Self::Tool(direction) => start.R * direction,
@@ -117,15 +117,15 @@ impl Direction {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Translation {
     Stay,
-    To(Vector3<f64>),
-    By(Vector3<f64>),
+    To(Vector3),
+    By(Vector3),
     Along(Direction, f64),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Rotation {
     Stay,
-    To(Matrix3<f64>),
+    To(Matrix3),
     About(Direction, f64),
 }
 
@@ -200,9 +200,9 @@ pub struct Progress {
     /// Desired pose at the leg's start.
     pub start: Pose,
     /// Translation over the leg, m.
-    pub by: Vector3<f64>,
+    pub by: Vector3,
     /// Rotation vector over the leg, rad.
-    pub turn: Vector3<f64>,
+    pub turn: Vector3,
 }
 
 impl Progress {
@@ -230,7 +230,7 @@ impl Progress {
 pub struct Ahead<'a> {
     progress: Progress,
     curve: Option<&'a Curve>,
-    p_E: Vector3<f64>,
+    p_E: Vector3,
     from: f64,
     to: f64,
 }
@@ -344,9 +344,9 @@ impl Path {
     }
 
     /// How far a leg that begins leads along and about each axis; a turn to a given orientation does not count where an axis is free.
-    fn way(&self, leg: &Leg, place: &Progress, has_free_axis: bool) -> Vector6<f64> {
+    fn way(&self, leg: &Leg, place: &Progress, has_free_axis: bool) -> Vector6 {
         let is_met = has_free_axis && (matches!(leg.rotation, Rotation::To(_)) || leg.is_curved());
-        let turn = |turn: Vector3<f64>| if is_met { Vector3::zeros() } else { turn };
+        let turn = |turn: Vector3| if is_met { Vector3::zeros() } else { turn };
         let Some(curve) = self.curve(leg) else {
             return stack(&place.by, &turn(place.turn)).abs();
         };
@@ -461,7 +461,7 @@ impl Path {
 
     /// The rest of the present leg, for a point fixed at `p_E` in the end-effector.
     #[must_use]
-    pub fn ahead(&self, progress: &Progress, p_E: Vector3<f64>) -> Ahead<'_> {
+    pub fn ahead(&self, progress: &Progress, p_E: Vector3) -> Ahead<'_> {
         let [x, v, _] = self.fraction(progress);
         let leg = self.legs.get(progress.leg);
         Ahead {
@@ -513,8 +513,8 @@ impl Path {
 pub struct Place {
     pose: Pose,
     /// First derivative by s, and the second one of a curve.
-    slope: Vector6<f64>,
-    bend: Option<Vector6<f64>>,
+    slope: Vector6,
+    bend: Option<Vector6>,
     fraction: [f64; 3],
 }
 
@@ -536,7 +536,7 @@ impl Place {
 }
 
 /// Translation and rotation vector from one pose to another.
-fn between(from: &Pose, to: &Pose) -> (Vector3<f64>, Vector3<f64>) {
+fn between(from: &Pose, to: &Pose) -> (Vector3, Vector3) {
     let turn = rotation_log(&(to.R * from.R.transpose()));
     (to.p - from.p, turn)
 }

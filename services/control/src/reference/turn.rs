@@ -3,12 +3,11 @@
 //! Reduces to the paper's law: the plan chooses which way round ζ is turned and predicts the motion; the turn itself is the paper's Type 2 strategy.
 
 use crate::limits::clock::MARGIN;
-use crate::linear::largest_share;
+use crate::linear::{Joints, largest_share};
 use crate::paper::type_2::Turn;
 use crate::reference::path::quintic;
 use crate::types::{Refusal, Singularity};
 use model::Model;
-use nalgebra::SVector;
 use shared_types::scenario::Control;
 
 /// Distance that a planned null-space motion keeps from joint limits, rad.
@@ -24,7 +23,7 @@ const SLICES: u32 = 64;
 #[derive(Clone, Copy, Debug)]
 pub struct Room<'a, const N: usize> {
     /// Joint positions, rad.
-    pub q: &'a SVector<f64, N>,
+    pub q: &'a Joints<N>,
     /// The arm's limits.
     pub model: &'a Model<N>,
     /// Rate limits of the auxiliary coordinates, and whether the governor acts.
@@ -42,7 +41,7 @@ pub fn plan<const N: usize>(
     angle: f64,
     duration_s: f64,
     room: &Room<'_, N>,
-    motion: impl Fn(f64) -> Option<SVector<f64, N>>,
+    motion: impl Fn(f64) -> Option<Joints<N>>,
 ) -> Result<Turn<N>, Refusal> {
     let plan = |angle: f64| {
         let by = motion(angle).filter(|by| room.holds(by))?;
@@ -62,7 +61,7 @@ pub fn plan<const N: usize>(
 
 impl<const N: usize> Room<'_, N> {
     /// Whether every joint stays within its limits.
-    fn holds(&self, by: &SVector<f64, N>) -> bool {
+    fn holds(&self, by: &Joints<N>) -> bool {
         let inside = |i: usize| {
             let end = self.q[i] + by[i];
             by[i] == 0.0
@@ -73,7 +72,7 @@ impl<const N: usize> Room<'_, N> {
     }
 
     /// Duration of a turn whose time law the governor slows down where a rate would exceed its limit: ∫ max(1, demand/0.95) dt, s.
-    fn duration_of(&self, angle: f64, by: &SVector<f64, N>, planned_s: f64) -> f64 {
+    fn duration_of(&self, angle: f64, by: &Joints<N>, planned_s: f64) -> f64 {
         let share = angle.abs() / self.control.aux_rate_max.largest();
         let share = share.max(largest_share(by, self.model.velocity()));
         if !self.control.governor {

@@ -4,12 +4,12 @@
 //! neighbourhoods with hysteresis, rank, determinant, manipulability.
 
 use crate::centre::AtCentre;
-use crate::linear::{rank, volume};
+use crate::linear::{Jacobian, Joints, Vector3, Vector6, rank, volume};
 use crate::paper::neighborhood::Neighborhood;
 use crate::singularity::family::{Family, Posture};
 use crate::types::{Report, Singularity};
 use model::{Factors, Robot, TaskAxes, Terms, unit_scaled};
-use nalgebra::{SMatrix, SVector, Vector3, Vector6};
+use nalgebra::SMatrix;
 use shared_types::scenario::Analysis;
 use shared_types::{AnalyzerCheckpoint, MAX_SINGULARITIES};
 
@@ -57,12 +57,7 @@ impl<const N: usize> Analyzer<N> {
     ///
     /// Units `q` rad, `qdot` rad/s · Frame of every vector in the report: B, at C.
     /// Requires finite `q`, `qdot` and `terms` of this very posture. Cost about 1 µs for six joints, no allocation.
-    pub fn step(
-        &mut self,
-        q: &SVector<f64, N>,
-        qdot: &SVector<f64, N>,
-        terms: &Terms<N>,
-    ) -> Report<N> {
+    pub fn step(&mut self, q: &Joints<N>, qdot: &Joints<N>, terms: &Terms<N>) -> Report<N> {
         let mut report = self.unexamined();
         self.step_into(q, qdot, terms, &mut report);
         report
@@ -71,8 +66,8 @@ impl<const N: usize> Analyzer<N> {
     /// [`step`](Self::step) into place: `report` is one of this analyzer's, its last or [`unexamined`](Self::unexamined).
     pub fn step_into(
         &mut self,
-        q: &SVector<f64, N>,
-        qdot: &SVector<f64, N>,
+        q: &Joints<N>,
+        qdot: &Joints<N>,
         terms: &Terms<N>,
         report: &mut Report<N>,
     ) {
@@ -98,8 +93,8 @@ impl<const N: usize> Analyzer<N> {
     #[inline]
     pub(crate) fn listed(
         &mut self,
-        q: &SVector<f64, N>,
-        qdot: &SVector<f64, N>,
+        q: &Joints<N>,
+        qdot: &Joints<N>,
         terms: &Terms<N>,
     ) -> Report<N> {
         let mut report = self.unexamined();
@@ -111,8 +106,8 @@ impl<const N: usize> Analyzer<N> {
     #[inline]
     pub(crate) fn list(
         &mut self,
-        q: &SVector<f64, N>,
-        qdot: &SVector<f64, N>,
+        q: &Joints<N>,
+        qdot: &Joints<N>,
         terms: &Terms<N>,
         report: &mut Report<N>,
     ) -> AtCentre<N> {
@@ -175,8 +170,8 @@ impl<const N: usize> Analyzer<N> {
 #[inline]
 fn conditioning<const N: usize>(
     report: &mut Report<N>,
-    J_C: &SMatrix<f64, 6, N>,
-    J_E: &SMatrix<f64, 6, N>,
+    J_C: &Jacobian<N>,
+    J_E: &Jacobian<N>,
     closed_form: Option<f64>,
     task: &[bool; 6],
 ) {
@@ -206,14 +201,14 @@ fn conditioning<const N: usize>(
 }
 
 /// √det JJᵀ of the task's rows; √det JᵀJ where they are more than the joints.
-fn volume_of<const N: usize>(J: &SMatrix<f64, 6, N>, task: &[bool; 6]) -> f64 {
+fn volume_of<const N: usize>(J: &Jacobian<N>, task: &[bool; 6]) -> f64 {
     let rows = TaskAxes(*task).count();
     if rows > N {
-        let mut columns: [Vector6<f64>; N] =
+        let mut columns: [Vector6; N] =
             std::array::from_fn(|j| Vector6::from_fn(|k, _| if task[k] { J[(k, j)] } else { 0.0 }));
         return volume(&mut columns);
     }
-    let (mut counted, mut count) = ([SVector::<f64, N>::zeros(); 6], 0);
+    let (mut counted, mut count) = ([Joints::<N>::zeros(); 6], 0);
     for k in (0..6).filter(|k| task[*k]) {
         counted[count] = J.row(k).transpose();
         count += 1;

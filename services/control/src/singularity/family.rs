@@ -18,12 +18,12 @@ use super::screws::Screws;
 use super::tracked_svd::TrackedSvd;
 use super::tracker::{TRACKED, Tracker};
 use crate::centre::{AtCentre, PoseMotion};
+use crate::linear::{Joints, Vector3, Vector6};
 use crate::paper::reference::{Memory, Target};
 use crate::paper::type_1::Fold;
 use crate::reference::path::Ahead;
 use crate::types::{Kind, Singularity};
 use model::{Model, Robot, Terms};
-use nalgebra::{SVector, Vector3, Vector6};
 use shared_types::scenario::Analysis;
 use shared_types::{AnalyzerCheckpoint, MAX_SINGULARITIES};
 
@@ -31,9 +31,9 @@ use shared_types::{AnalyzerCheckpoint, MAX_SINGULARITIES};
 #[derive(Clone, Copy, Debug)]
 pub struct Posture<'a, const N: usize> {
     /// Joint positions, rad.
-    pub q: &'a SVector<f64, N>,
+    pub q: &'a Joints<N>,
     /// Joint velocities, rad/s.
-    pub qdot: &'a SVector<f64, N>,
+    pub qdot: &'a Joints<N>,
     /// The model's terms at E.
     pub terms: &'a Terms<N>,
     /// Kinematics at C.
@@ -44,10 +44,10 @@ pub struct Posture<'a, const N: usize> {
 #[derive(Clone, Copy, Debug)]
 pub struct Situation<'a, const N: usize> {
     /// Joint positions, rad.
-    pub q: &'a SVector<f64, N>,
+    pub q: &'a Joints<N>,
     /// Joint velocities that the path needs, by the law's own solution, rad/s: a reference's rate follows from them and not from measured ones, whose
     /// noise it would amplify near a singularity.
-    pub qdot_planned: &'a SVector<f64, N>,
+    pub qdot_planned: &'a Joints<N>,
     /// The model's terms.
     pub terms: &'a Terms<N>,
     /// Kinematics at C.
@@ -57,13 +57,13 @@ pub struct Situation<'a, const N: usize> {
     /// The rest of the path's leg.
     pub ahead: &'a Ahead<'a>,
     /// Pose error at C, `[p_d − p; log(R_d Rᵀ)]`.
-    pub error: &'a Vector6<f64>,
+    pub error: &'a Vector6,
     /// Motion at C by which the folds before it will open, `[m; rad]`: at the lock ζ is turned out of its way, too.
-    pub opening: &'a Vector6<f64>,
+    pub opening: &'a Vector6,
     /// Lower joint limits, rad.
-    pub lower: &'a SVector<f64, N>,
+    pub lower: &'a Joints<N>,
     /// Upper joint limits, rad.
-    pub upper: &'a SVector<f64, N>,
+    pub upper: &'a Joints<N>,
     /// Largest auxiliary rate, rad/s.
     pub rate_max: f64,
     /// Whether the clock slows down for a rate that is too large.
@@ -77,7 +77,7 @@ pub struct Situation<'a, const N: usize> {
 enum Form {
     Factors(Factors),
     /// The elbow alone, between the shoulder's centre S (base axes, m) and the wrist's.
-    Elbow(Vector3<f64>),
+    Elbow(Vector3),
     None,
 }
 
@@ -110,8 +110,8 @@ impl<const N: usize> Family<N> {
             return nothing;
         };
         // Any posture without parallel axes.
-        let q = SVector::from_fn(|i, _| 0.3 + 0.37 * i as f64);
-        let terms = model.evaluate(&q, &SVector::zeros());
+        let q = Joints::from_fn(|i, _| 0.3 + 0.37 * i as f64);
+        let terms = model.evaluate(&q, &Joints::zeros());
         // C's position must not depend on a rotation that the task does not serve: only E itself may then be moved.
         let meets = |tolerance: f64| {
             let turns = robot.task.0[3..].iter().all(|served| *served);
@@ -190,7 +190,7 @@ impl<const N: usize> Family<N> {
 
     /// The point C of the end-effector link at which singularities are analysed. Shape 3; m; frame B.
     #[must_use]
-    pub fn centre(&self, terms: &Terms<N>) -> Vector3<f64> {
+    pub fn centre(&self, terms: &Terms<N>) -> Vector3 {
         self.offset.map_or(terms.X_BE.p, |offset| {
             terms.p[N - 1] + terms.z[N - 1] * offset
         })
@@ -291,7 +291,7 @@ impl Form {
                 .filter(|_| spherical && N == 7)
                 .map(|offset| (S, offset))
         };
-        let same = |one: &(Vector3<f64>, f64), two: &(Vector3<f64>, f64)| {
+        let same = |one: &(Vector3, f64), two: &(Vector3, f64)| {
             (one.0 - two.0).norm() < EXACT && (one.1 - two.1).abs() < EXACT
         };
         in_general_position(robot, centres, same).map_or(Self::None, |(S, _)| Self::Elbow(S))

@@ -1,9 +1,8 @@
 //! What the geometry of an arm tells the tracker: the rows whose rank is watched, and the names of singular postures.
 
 use super::screws::Screws;
-use crate::linear::{angular, linear, stack};
+use crate::linear::{Jacobian, Vector3, Vector6, angular, linear, stack};
 use crate::types::Kind;
-use nalgebra::{SMatrix, SVector, Vector3};
 
 /// Sine, or share of a length, below which a geometric condition holds at a projected posture.
 const HOLDS: f64 = 1e-4;
@@ -12,7 +11,7 @@ const HOLDS: f64 = 1e-4;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Geometry {
     /// Where axes 1 to 3 meet, base axes, m.
-    pub(super) S: Option<Vector3<f64>>,
+    pub(super) S: Option<Vector3>,
     /// Whether the elbow has a formula of its own: the translation along C − S is then replaced by joint 4.
     pub(super) elbow_apart: bool,
 }
@@ -22,9 +21,9 @@ impl Geometry {
     pub(super) fn rows<const N: usize>(
         &self,
         screws: &Screws<N>,
-        p: &Vector3<f64>,
+        p: &Vector3,
         length_m: f64,
-    ) -> SMatrix<f64, 6, N> {
+    ) -> Jacobian<N> {
         let mut rows = screws.scaled(length_m);
         if self.elbow_apart && N > 3 {
             let along = p / p.norm().max(1e-9);
@@ -42,7 +41,7 @@ impl Geometry {
     /// u without its share along C − S, which the elbow's formula measures.
     ///
     /// Shapes u 6, scaled rows · Frame base axes · Requires `p` = C − S, m · Errors none: u where the elbow has no formula of its own
-    pub(super) fn without_elbow(&self, u: SVector<f64, 6>, p: &Vector3<f64>) -> SVector<f64, 6> {
+    pub(super) fn without_elbow(&self, u: Vector6, p: &Vector3) -> Vector6 {
         if !self.elbow_apart {
             return u;
         }
@@ -55,7 +54,7 @@ impl Geometry {
     pub(super) fn turning<const N: usize>(
         &self,
         screws: &Screws<N>,
-        p: &Vector3<f64>,
+        p: &Vector3,
         [u, v, qdot]: [&[f64]; 3],
         length_m: f64,
     ) -> f64 {
@@ -63,9 +62,7 @@ impl Geometry {
             return 0.0;
         }
         let (length, velocity) = (p.norm().max(1e-9), |y: &[f64]| {
-            (0..N)
-                .map(|j| screws.column(j).0 * y[j])
-                .sum::<Vector3<f64>>()
+            (0..N).map(|j| screws.column(j).0 * y[j]).sum::<Vector3>()
         });
         let along = p / length;
         let C = velocity(qdot);
@@ -77,7 +74,7 @@ impl Geometry {
     /// The name of the singular set in which a posture lies, and the one for a second direction that is lost there.
     ///
     /// Elbow: joint 4 does not change the distance from S to where axes 5 and 6 meet. Shoulder: axes 1 and 3 are parallel. Else the wrist.
-    pub(super) fn names<const N: usize>(&self, screws: &Screws<N>, p: &Vector3<f64>) -> [Kind; 2] {
+    pub(super) fn names<const N: usize>(&self, screws: &Screws<N>, p: &Vector3) -> [Kind; 2] {
         if self.S.is_none() || N != 7 {
             return [Kind::Numeric; 2];
         }

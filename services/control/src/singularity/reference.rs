@@ -3,12 +3,11 @@
 use super::auxiliary_row::FOUND;
 use super::family::Situation;
 use super::tracker::SMALLEST;
-use crate::linear::{angular, linear, rotation_log, sign, smoothstep, wrap_line};
+use crate::linear::{Vector3, Vector6, angular, linear, rotation_log, sign, smoothstep, wrap_line};
 use crate::paper::reference::{Memory, Target};
 use crate::paper::type_1::{Fold, SIDE_CHANGE};
 use crate::paper::type_2;
 use crate::types::{Class, Mode, Singularity};
-use nalgebra::{Vector3, Vector6};
 use shared_types::bounds::within;
 use std::f64::consts::PI;
 
@@ -147,7 +146,7 @@ pub(super) fn direction<const N: usize>(
 }
 
 /// The half of a twist, or of a pose error, that ζ takes.
-fn half<const N: usize>(s: &Singularity<N>, V: &Vector6<f64>) -> Vector3<f64> {
+fn half<const N: usize>(s: &Singularity<N>, V: &Vector6) -> Vector3 {
     if s.angular { angular(V) } else { linear(V) }
 }
 
@@ -164,7 +163,7 @@ pub(crate) fn slope<const N: usize>(s: &Singularity<N>) -> f64 {
 }
 
 /// The rest of the leg, in the half that ζ takes; rad or m.
-fn left_of_leg<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>) -> Vector3<f64> {
+fn left_of_leg<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>) -> Vector3 {
     let end = at.ahead.pose(1.0);
     if s.angular {
         rotation_log(&(end.R * at.terms.X_BE.R.transpose()))
@@ -248,8 +247,8 @@ fn turned<const N: usize>(
 fn is_hasty<const N: usize>(
     s: &Singularity<N>,
     at: &Situation<'_, N>,
-    error: &Vector3<f64>,
-    (zeta, t): (&Vector3<f64>, &Vector3<f64>),
+    error: &Vector3,
+    (zeta, t): (&Vector3, &Vector3),
 ) -> bool {
     let V = half(s, &at.desired.V);
     let (across, bend) = (

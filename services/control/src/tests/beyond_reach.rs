@@ -1,10 +1,10 @@
 //! Goals beyond reach on arms analysed by number.
 
 use crate::Analyzer;
+use crate::linear::Joints;
 use crate::testing::{Bench, robot};
 use crate::types::Class;
 use model::{Model, Robot};
-use nalgebra::SVector;
 use shared_types::scenario::{Scenario, Segment, Start};
 
 /// A straight line from the posture `q_rad` that ends beyond reach.
@@ -48,8 +48,8 @@ fn a_stretched_arm_of_two_joints_is_type_1_and_has_two_places() {
     let model = Model::<6>::new(two, None).unwrap();
     for elbow in [0.0, 0.1, -0.1] {
         let (q, zero) = (
-            SVector::from([0.3, elbow, 0.0, 0.0, 0.0, 0.0]),
-            SVector::zeros(),
+            Joints::from([0.3, elbow, 0.0, 0.0, 0.0, 0.0]),
+            Joints::zeros(),
         );
         let report =
             Analyzer::<6>::new(two, &scenario.analysis).step(&q, &zero, &model.evaluate(&q, &zero));

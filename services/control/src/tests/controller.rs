@@ -1,10 +1,10 @@
 //! The controller as a whole: restarts and refusals.
 
+use crate::linear::{Joints, Vector3, Vector6};
 use crate::testing::{Bench, puma, robot, scenario};
 use crate::types::{Phase, Refusal};
 use crate::{Controller, start_posture};
 use model::{Model, Robot};
-use nalgebra::{SVector, Vector3, Vector6};
 use shared_types::{AnalyzerCheckpoint, ControllerCheckpoint};
 
 fn figure_5() -> Bench<6> {
@@ -13,7 +13,7 @@ fn figure_5() -> Bench<6> {
     ))
 }
 
-const NOTHING: Vector6<f64> = Vector6::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+const NOTHING: Vector6 = Vector6::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
 
 #[test]
 fn a_restarted_controller_and_analyzer_continue_bit_for_bit() {
@@ -67,7 +67,7 @@ fn a_nan_is_refused_for_good_and_the_arm_held() {
 fn a_report_that_makes_no_sense_is_refused() {
     let mut arm = figure_5();
     arm.command(None);
-    arm.report.singularities[1].aux_row = SVector::zeros();
+    arm.report.singularities[1].aux_row = Joints::zeros();
     let command = arm.again(&NOTHING);
     assert!(
         command.refusal == Refusal::Singular

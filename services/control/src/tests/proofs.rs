@@ -4,23 +4,18 @@ use crate::centre::AtCentre;
 use crate::law::auxiliary::LEFT;
 use crate::law::force::Pressing;
 use crate::law::{self, Engaged, Problem, Rows};
-use crate::linear::{Basis, linear, stack};
+use crate::linear::{Basis, Vector3, Vector6, linear, stack};
 use crate::paper::singular_frame::orthogonal_rows;
 use crate::singularity::analyzer::Analyzer;
 use crate::testing::{PumaLengths, posture, puma, puma_lengths, robot};
 use crate::types::Report;
 use model::{Model, Terms};
-use nalgebra::{DMatrix, DVector, Vector3, Vector6};
+use nalgebra::{DMatrix, DVector};
 use proptest::prelude::*;
 use shared_types::random::Uniform;
 use shared_types::scenario::Analysis;
 
-fn analysed(
-    model: &Model<6>,
-    name: &str,
-    q: &Vector6<f64>,
-    qdot: &Vector6<f64>,
-) -> (Report<6>, Terms<6>) {
+fn analysed(model: &Model<6>, name: &str, q: &Vector6, qdot: &Vector6) -> (Report<6>, Terms<6>) {
     let terms = model.evaluate(q, qdot);
     (
         Analyzer::new(robot(name), &Analysis::default()).step(q, qdot, &terms),
@@ -29,7 +24,7 @@ fn analysed(
 }
 
 /// A random posture with some of the three locks forced, and which of them.
-fn at_locks(random: &mut Uniform, locks: usize) -> Vector6<f64> {
+fn at_locks(random: &mut Uniform, locks: usize) -> Vector6 {
     let mut q = Vector6::from_fn(|i, _| random.within(puma().lower()[i], puma().upper()[i]));
     let near = |random: &mut Uniform| {
         random.within(-1.0, 1.0) * [0.0, 0.08][random.within(0.0, 2.0) as usize % 2]
@@ -72,11 +67,11 @@ struct Met {
     report: Report<6>,
     terms: Terms<6>,
     at: AtCentre<6>,
-    qdot: Vector6<f64>,
+    qdot: Vector6,
 }
 
 impl Met {
-    fn new(q: &Vector6<f64>, qdot: Vector6<f64>) -> Self {
+    fn new(q: &Vector6, qdot: Vector6) -> Self {
         let (report, terms) = analysed(puma(), "puma560", q, &qdot);
         let at = AtCentre::new(&terms, &report.p_BC);
         Self {
@@ -112,7 +107,7 @@ impl Met {
     }
 }
 
-fn moving(random: &mut Uniform) -> Vector6<f64> {
+fn moving(random: &mut Uniform) -> Vector6 {
     Vector6::from_fn(|_, _| random.within(-0.5, 0.5))
 }
 
@@ -191,7 +186,7 @@ fn kept(problem: &Problem<'_, 6>, engaged: &[Engaged<6>]) -> Basis<6> {
 
 /// The paper's law in its own form, Γ = J_rᵀΛ_r r + N_T Γ₀, Γ₀ = A·w·(ẍ − ∂x/∂q·J̄_r r) where w moves the auxiliary coordinates by one each and no kept row:
 /// by inverses, with nothing in common with the code. The torque, and its part in the null space.
-fn papers_torque(problem: &Problem<'_, 6>, engaged: &[Engaged<6>]) -> [Vector6<f64>; 2] {
+fn papers_torque(problem: &Problem<'_, 6>, engaged: &[Engaged<6>]) -> [Vector6; 2] {
     let kept = kept(problem, engaged);
     let J_r = DMatrix::from_fn(kept.len(), 6, |i, j| problem.at.J.column(j).dot(&kept[i]));
     let aux = DMatrix::from_fn(engaged.len(), 6, |i, j| engaged[i].aux_row[j]);

@@ -1,10 +1,11 @@
 //! The reference arm of a steered run in closed loop: random targets, and an arm that follows it exactly.
 
 use crate::Controller;
+use crate::linear::{Joints, Vector6};
 use crate::testing::{Bench, robot};
 use crate::types::Phase;
 use model::Model;
-use nalgebra::{Rotation3, SVector, UnitQuaternion, Vector6};
+use nalgebra::{Rotation3, UnitQuaternion};
 use proptest::prelude::*;
 use shared_types::codes::{
     FRAME_HAND, REASON_FOLLOWING, REASON_LIMIT, REASON_OVER, REASON_REACH, REASON_STALE,
@@ -59,7 +60,7 @@ fn steer<const N: usize>(
     name: &str,
     start: &str,
     targets: &[Held],
-) -> Result<(ServoState, [SVector<f64, N>; 2]), TestCaseError> {
+) -> Result<(ServoState, [Joints<N>; 2]), TestCaseError> {
     let text =
         format!("name = \"t\"\nrobot = \"{name}\"\n[start]\n{start}\n[servo]\nduration_s = 60.0\n");
     let mut arm = Bench::<N>::new(&text);
@@ -140,7 +141,7 @@ fn an_arm_with_a_spare_joint_rests_in_a_lock_beyond_which_its_target_leads() {
 /// Steered out of an exact lock for 4 s at a constant twist: its largest error orthogonal to the twist asked for, m and rad, and the share of it that is made.
 fn out_of_a_lock(name: &str, lock: [f64; 7], twist: [f64; 6]) -> ([f64; 2], f64) {
     let model = Model::<7>::new(robot(name), None).unwrap();
-    let from = model.forward_kinematics(&SVector::from(lock));
+    let from = model.forward_kinematics(&Joints::from(lock));
     let asked = nalgebra::Vector6::from(twist) * 4.0;
     let target = TargetContent {
         kind: TARGET_TWIST,
@@ -354,8 +355,8 @@ fn a_steered_law_begins_in_any_posture_as_if_made_for_it() {
 fn a_turn_about_a_lost_direction_is_made_on_an_arm_without_formulas() {
     let start = "q_deg = [10, -40, 25, 20, 0, 60]\n[analysis]\nnumeric = true";
     let model = Model::<6>::new(robot("puma560"), None).unwrap();
-    let pose = |q: &SVector<f64, 6>| model.forward_kinematics(q).R;
-    let from = SVector::from([10.0, -40.0, 25.0, 20.0, 0.0, 60.0_f64]).map(f64::to_radians);
+    let pose = |q: &Joints<6>| model.forward_kinematics(q).R;
+    let from = Joints::from([10.0, -40.0, 25.0, 20.0, 0.0, 60.0_f64]).map(f64::to_radians);
     for beside_deg in [0.0_f64, 2.0, 10.0, 30.0] {
         // ζ is z4×z5: in the hand's axes, a turn by −q6 of the forearm's −x.
         let (sin, cos) = (60.0 + beside_deg).to_radians().sin_cos();
@@ -376,11 +377,11 @@ fn poses_of_a_joint_path(name: &str, from: [f64; 7], to: [f64; 7], time_s: f64) 
         "name = \"t\"\nrobot = \"{name}\"\n[start]\nq = {from:?}\n[servo]\nduration_s = 60.0\n"
     );
     let mut arm = Bench::<7>::new(&text);
-    let (model, from, to) = (arm.model.clone(), SVector::from(from), SVector::from(to));
+    let (model, from, to) = (arm.model.clone(), Joints::from(from), Joints::from(to));
     let (mut farthest, mut untrue) = (0.0_f64, 0);
     for tick in 0..(time_s * 1000.0) as u64 {
         let [share, rate, _] = crate::quintic(tick as f64 * 1e-3, time_s);
-        let asked = model.evaluate(&(from + (to - from) * share), &SVector::zeros());
+        let asked = model.evaluate(&(from + (to - from) * share), &Joints::zeros());
         let R = Rotation3::from_matrix_unchecked(asked.X_BE.R);
         let turn = UnitQuaternion::from_rotation_matrix(&R);
         let target = TargetContent {
@@ -432,7 +433,7 @@ fn an_arm_that_is_not_where_it_should_be_is_not_said_to_follow() {
 
 /// A PUMA in wrist lock, 5 mm above a spring of 20 N/mm, under a target for so many s: the mean and the largest error of the force in the last second, N, how
 /// far the hand has gone, m, and the session's state.
-fn pressed(force: [f64; 3], seconds: f64) -> (f64, f64, nalgebra::Vector3<f64>, ServoState) {
+fn pressed(force: [f64; 3], seconds: f64) -> (f64, f64, nalgebra::Vector3, ServoState) {
     let start = "q_deg = [10, -40, 25, 20, 0, 60]\n[servo]\nduration_s = 60.0\n[[plant.surface]]\npoint_m = [0, 0, 0]";
     let text = format!("name = \"t\"\nrobot = \"puma560\"\n[start]\n{start}\n");
     let mut arm = Bench::<6>::new(&text);

@@ -1,6 +1,7 @@
 //! The end of a leg: a goal that a damped route, or one stopped by a fold, misses by less than may be missed.
 
 use super::*;
+use crate::linear::Joints;
 
 /// Largest joint motion over which a posture is moved onto the goal, rad.
 const CLOSING: f64 = 0.4;
@@ -17,13 +18,13 @@ impl<const N: usize> Search<'_, N> {
     /// Moves a posture at the end of a leg onto its goal, over its last edge; false where it stays further away than [`MISSED`].
     pub(super) fn closes(&mut self, node: usize, goal: &Pose) -> bool {
         let q = self.nodes[node].q;
-        let error = |q: &SVector<f64, N>| self.arm.error(goal, &self.arm.pose(q));
+        let error = |q: &Joints<N>| self.arm.error(goal, &self.arm.pose(q));
         if error(&q).norm() < 1e-5 {
             return true;
         }
         self.spent.set(self.spent.get() + 12);
-        let excess = |q: &SVector<f64, N>| self.excess(&error(q), goal);
-        let near = |by: &SVector<f64, N>| {
+        let excess = |q: &Joints<N>| self.excess(&error(q), goal);
+        let near = |by: &Joints<N>| {
             by.amax() < CLOSING
                 && self.outside(&(q + by), &q).is_none()
                 && (1..POINTS)

@@ -3,11 +3,10 @@
 //! Along a singular direction inside its neighbourhood D_si the reference leads: its lead is what a fold opens by, and what it slides along. Elsewhere,
 //! and orthogonal to the singular directions, it is never further away than the accuracy asked for.
 
-use crate::linear::{angular, linear, rotation_exp, smoothstep, stack};
+use crate::linear::{Vector3, Vector6, angular, linear, rotation_exp, smoothstep, stack};
 use crate::reference::free_axis::{free_axis, rotation_error};
 use crate::types::Report;
 use model::Pose;
-use nalgebra::{Vector3, Vector6};
 
 /// Longest distance orthogonal to the singular directions, and along them, m: ten times the error of tracking, and little to come back from.
 const ACROSS_M: f64 = 0.0003;
@@ -22,7 +21,7 @@ const SATURATING: f64 = 0.5;
 /// The lead at a tick: the error orthogonal to the singular directions, along them, and of orientation; each with its longest length.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lead {
-    parts: [(Vector3<f64>, f64); 3],
+    parts: [(Vector3, f64); 3],
     /// How near it is to its bound, 0 to 1: 1 at the bound.
     pub saturation: f64,
 }
@@ -36,7 +35,7 @@ impl Lead {
         report: &Report<N>,
         task: &[bool; 6],
     ) -> Self {
-        let served = |v: Vector3<f64>, first: usize| {
+        let served = |v: Vector3, first: usize| {
             Vector3::from_fn(|k, _| if task[first + k] { v[k] } else { 0.0 })
         };
         let error = served(reference.p - arm.p, 0);
@@ -90,7 +89,7 @@ impl Lead {
 
     /// The reference on its way back to the arm, where `V` no longer leads away from it.
     #[must_use]
-    pub fn relax(&self, reference: &Pose, V: &Vector6<f64>, dt: f64) -> Pose {
+    pub fn relax(&self, reference: &Pose, V: &Vector6, dt: f64) -> Pose {
         let [(across, _), (along, _), (turn, _)] = self.parts;
         let mut relaxed = *reference;
         for p in [across, along] {
@@ -106,8 +105,8 @@ impl Lead {
 
     /// A twist without the part that would increase a lead that is near its bound.
     #[must_use]
-    pub fn without_increase(&self, V: &Vector6<f64>) -> Vector6<f64> {
-        let without = |v: Vector3<f64>, part: &(Vector3<f64>, f64)| {
+    pub fn without_increase(&self, V: &Vector6) -> Vector6 {
+        let without = |v: Vector3, part: &(Vector3, f64)| {
             let (error, saturation) = (&part.0, saturation_of(part));
             if saturation > 0.0 {
                 v - error * (v.dot(error).max(0.0) * saturation / error.norm_squared())
@@ -124,7 +123,7 @@ impl Lead {
 }
 
 /// How near one part is to its bound, 0 to 1.
-fn saturation_of((error, length): &(Vector3<f64>, f64)) -> f64 {
+fn saturation_of((error, length): &(Vector3, f64)) -> f64 {
     smoothstep((error.norm() / length - SATURATING) / (1.0 - SATURATING))
 }
 
