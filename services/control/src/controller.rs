@@ -132,7 +132,7 @@ impl<const N: usize> Controller<N> {
             true => model.with_torque_share(targets::SHARE),
             false => model,
         };
-        let legs = (0..).take_while(|i| path.leg(*i).is_some()).count();
+        let legs = path.legs().len();
         let mut setup = Setup {
             drives: Drives::of(&model, robot.gravity, scenario.dt_s()),
             model,

@@ -1,7 +1,7 @@
 //! Small dense algebra of static size, with a bounded number of iterations and the same bits on every machine.
 
 pub use model::{rotation_exp, rotation_log, rotation_twist, stack};
-use nalgebra::{SMatrix, SVector};
+use nalgebra::{Quaternion, SMatrix, SVector, UnitQuaternion};
 
 /// A number for each joint.
 pub type Joints<const N: usize> = SVector<f64, N>;
@@ -345,6 +345,14 @@ pub fn displaced<const N: usize>(mut J: Jacobian<N>, r: &Vector3) -> Jacobian<N>
         (0..3).for_each(|k| column[k] += v[k]);
     }
     J
+}
+
+/// The rotation of a quaternion w, x, y, z, which is made a unit.
+#[must_use]
+pub fn rotation_of([w, x, y, z]: [f64; 4]) -> Matrix3 {
+    UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
+        .to_rotation_matrix()
+        .into_inner()
 }
 
 /// The linear half of a twist.

@@ -91,7 +91,7 @@ pub(crate) fn posture<const N: usize>(model: &Model<N>) -> impl Strategy<Value =
 
 /// A report of an arm that is nowhere singular.
 pub(crate) fn empty_report<const N: usize>() -> Report<N> {
-    Report::unexamined(1.0, Vector3::zeros())
+    Report::unexamined(1.0)
 }
 
 /// A scenario file of the product.

@@ -308,12 +308,9 @@ fn rest<const N: usize>(
         && !matches!(state.refusal, Refusal::State | Refusal::Estimate);
     let (bias, rest) = moving
         .map(|moving| {
-            let (terms, load) = (moving.terms, moving.tau_disturbance);
-            let bias = match is_loaded {
-                true => setup.drives.compensating(terms.bias(), load, &terms.J),
-                false => terms.bias(),
-            };
-            (bias, terms.A * moving.qdot * -damping)
+            let load = is_loaded.then_some(moving.tau_disturbance);
+            let bias = setup.drives.bias(moving.terms, None, load);
+            (bias, moving.terms.A * moving.qdot * -damping)
         })
         .filter(|(bias, rest)| is_finite(bias) && is_finite(rest))
         .unwrap_or((zero, zero));

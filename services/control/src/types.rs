@@ -254,15 +254,15 @@ pub struct Report<const N: usize> {
 }
 
 impl<const N: usize> Report<N> {
-    /// A report of an arm with C at `p_BC`, m: no singularity, and nothing computed of the Jacobian.
+    /// A report of no posture: no singularity, and all else zero.
     #[inline]
-    pub(crate) fn unexamined(length_m: f64, p_BC: Vector3) -> Self {
+    pub(crate) fn unexamined(length_m: f64) -> Self {
         Self {
             rank: 0,
             det: 0.0,
             manipulability: 0.0,
             length_m,
-            p_BC,
+            p_BC: Vector3::zeros(),
             count: 0,
             singularities: [Singularity::none(); MAX_SINGULARITIES],
         }

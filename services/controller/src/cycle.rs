@@ -1,6 +1,6 @@
 //! The controller's pure step: torque from the estimated state and its singularity report.
 
-use control::linear::Joints;
+use control::linear::{Joints, is_finite};
 use control::{Controller, Refusal, SetupError, start_posture, wire};
 use model::{LastTerms, Model, Robot, embedded, stack};
 use process::{Damaged, Flow, Inputs, Outputs, Port, Process, Snapshot};
@@ -65,9 +65,7 @@ impl<const N: usize> Cycle<N> {
         } = *read;
         let wrist = wrist.map(|wrist| stack(&wrist.force_n.into(), &wrist.torque_nm.into()));
         let (tick, [q, qdot, tau_disturbance]) = (estimate.header.tick, self.own(estimate));
-        let is_state = [&q, &qdot]
-            .iter()
-            .all(|values| values.iter().all(|x| x.is_finite()));
+        let is_state = is_finite(&q) && is_finite(&qdot);
         let terms = is_state.then(|| last.at(&self.model, &q, &qdot));
         let command = match wire::report(report) {
             Some(report) => law.step(&control::Inputs {

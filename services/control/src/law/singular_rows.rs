@@ -12,7 +12,6 @@ use crate::reference::guide::{Guide, WAIT};
 use crate::reference::turn;
 use crate::singularity::family::Situation;
 use crate::singularity::reference::{roomier, slope as along_zeta};
-use crate::singularity::turning::turning;
 use crate::state::State;
 use crate::tick::{Motion, Now};
 use crate::types::{Class, Mode, Refusal, Report, Singularity};
@@ -230,13 +229,12 @@ fn target<const N: usize>(
     };
     // Predicted, and published, before the arm moves.
     if state.turn.duration_s == 0.0 {
-        let motion = |angle: f64| turning(&setup.family, &setup.model, now.q, s, angle);
         let room = turn::Room {
             q: now.q,
             model: &setup.model,
             control: &setup.scenario.control,
         };
-        state.turn = turn::plan(s, angle, leg.duration_s, &room, motion)?;
+        state.turn = turn::plan(&setup.family, s, angle, leg.duration_s, &room)?;
     }
     let [share, share_rate, _] = setup.path.fraction(&state.progress);
     Ok(state.turn.target(s, share, share_rate, motion.clock))

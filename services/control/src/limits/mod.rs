@@ -62,16 +62,12 @@ pub(crate) fn apply<const N: usize>(
         let (velocity, rate) = (model.velocity(), model.torque_rate());
         parts = speed::held(&parts, &now.terms.A, now.qdot, velocity, rate)?;
     }
-    let mut bias = now.terms.bias();
     // A reference arm touches nothing.
-    if let Some(bearing) = state.force.bearing(now.terms).filter(|_| is_path) {
-        bias += bearing;
-    }
-    if control.compensate_disturbance {
-        bias = setup
-            .drives
-            .compensating(bias, now.tau_disturbance, &now.terms.J);
-    }
+    let bearing = state.force.bearing(now.terms).filter(|_| is_path);
+    let disturbance = control
+        .compensate_disturbance
+        .then_some(now.tau_disturbance);
+    let bias = setup.drives.bias(now.terms, bearing, disturbance);
     Ok(setup.drives.send(&mut state.sent, &bias, &parts))
 }
 

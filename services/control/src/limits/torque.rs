@@ -4,7 +4,7 @@
 
 use super::{Parts, shares};
 use crate::linear::{Jacobian, Joints, Vector3};
-use model::Model;
+use model::{Model, Terms};
 
 /// Share of a torque limit up to which a disturbance is compensated beside the weight of a payload: friction takes less, a contact is not pressed against.
 const COMPENSATED: f64 = 0.25;
@@ -62,18 +62,25 @@ impl<const N: usize> Drives<N> {
         }
     }
 
-    /// Gravity, Coriolis and what is compensated of a disturbance: `bias` less `disturbance`, N·m, up to a share of each limit beside the torque of the
-    /// mass at E that explains most of the disturbance. A force that no mass has, upwards, is no payload's.
-    ///
-    /// Shapes N, `J` 6×N at E in base axes
+    /// The torque that moves nothing: gravity and Coriolis, what bears a contact, and what is compensated of a disturbance, N·m.
     #[must_use]
     #[inline]
-    pub fn compensating(
+    pub fn bias(
         &self,
-        bias: Joints<N>,
-        disturbance: &Joints<N>,
-        J: &Jacobian<N>,
+        terms: &Terms<N>,
+        bearing: Option<Joints<N>>,
+        disturbance: Option<&Joints<N>>,
     ) -> Joints<N> {
+        let bias = bearing.map_or_else(|| terms.bias(), |bearing| terms.bias() + bearing);
+        disturbance.map_or(bias, |torque| self.compensating(bias, torque, &terms.J))
+    }
+
+    /// `bias` less `disturbance`, N·m, up to a share of each limit beside the torque of the mass at E that explains most of the disturbance. A force that no
+    /// mass has, upwards, is no payload's.
+    ///
+    /// Shapes N, `J` 6×N at E in base axes
+    #[inline]
+    fn compensating(&self, bias: Joints<N>, disturbance: &Joints<N>, J: &Jacobian<N>) -> Joints<N> {
         let per_kg = J.fixed_rows::<3>(0).tr_mul(&self.fall);
         let mass_kg = per_kg.dot(disturbance) / per_kg.norm_squared().max(f64::MIN_POSITIVE);
         let weight = per_kg * mass_kg.max(0.0);

@@ -107,7 +107,7 @@ pub fn remedy<const N: usize>(
     request: &Request<'_, N>,
     helps: &mut dyn FnMut(&Remedy<N>) -> bool,
 ) -> Option<Remedy<N>> {
-    let legs = (0..).take_while(|i| request.path.leg(*i).is_some()).count();
+    let legs = request.path.legs().len();
     let holds = |request: &Request<'_, N>| {
         let found = attempt(request, Effort::Branches, &[], ADVICE);
         found.is_ok_and(|plan| plan.legs() == legs)
@@ -298,7 +298,7 @@ impl<'a, const N: usize> Route<'a, N> {
         let arm = request.kinematics(centre(model, &q_start, &report));
         let mut progress = Progress::at(model.forward_kinematics(&q_start));
         path.advance(&mut progress, 0.0, &report);
-        let legs = (0..).take_while(|i| path.leg(*i).is_some()).count();
+        let legs = path.legs().len();
         Self {
             request,
             arm,

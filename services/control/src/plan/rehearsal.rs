@@ -6,7 +6,6 @@
 use crate::controller::Setup;
 use crate::linear::{Joints, Vector6, angular, linear, served, sign};
 use crate::paper::type_1::SIDE_CHANGE;
-use crate::reference::path::Leg;
 use crate::singularity::analyzer::Analyzer;
 use crate::state::State;
 use crate::tick::{Inputs, act};
@@ -57,9 +56,9 @@ fn is_followed<const N: usize>(
 ) -> bool {
     let (model, scenario) = (&setup.model, &setup.scenario);
     let (dt, goal) = (scenario.dt_s(), &scenario.goal);
-    let mut legs = (0..).map_while(|i| setup.path.leg(i));
     // A side to leave a fold on, or a direction of the arm's own, is for the plan to keep.
-    let is_plain = legs.all(|leg: &Leg| leg.branch == 0 && !leg.is_relative());
+    let mut legs = setup.path.legs().iter();
+    let is_plain = legs.all(|leg| leg.branch == 0 && !leg.is_relative());
     let duration_s = setup.path.duration_s();
     let ticks = (duration_s * IN_TIME + scenario.settle_s) / dt;
     if !is_plain || !setup.forces.are_none() || ticks > TICKS {

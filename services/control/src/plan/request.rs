@@ -5,7 +5,6 @@ use crate::linear::{Joints, Vector3};
 use crate::reference::path::Path;
 use crate::reference::turn::{self, Room};
 use crate::singularity::analyzer::Analyzer;
-use crate::singularity::turning::turning;
 use crate::types::{Kind, Report, Singularity};
 use model::{Model, Robot};
 use shared_types::scenario::{Goal, Scenario};
@@ -103,8 +102,8 @@ impl<'a, const N: usize> Request<'a, N> {
     ) -> Option<Joints<N>> {
         let (model, control) = (self.model, &self.scenario.control);
         let s = report.listed().get(place)?;
-        let motion = |angle: f64| turning(self.analyzer.family(), model, q, s, angle);
-        let turn = turn::plan(s, angle, 1.0, &Room { q, model, control }, motion);
+        let room = Room { q, model, control };
+        let turn = turn::plan(self.analyzer.family(), s, angle, 1.0, &room);
         Some(turn.ok()?.by)
     }
 

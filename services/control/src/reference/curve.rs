@@ -4,7 +4,7 @@
 //! special case at any sign or turn of the quaternion, which is normalised where the curve is evaluated. The clock that runs along s is the leg's
 //! ([`path`](super::path)).
 
-use crate::linear::{Matrix3, Vector3, Vector6, rotation_exp, rotation_log, stack};
+use crate::linear::{Matrix3, Vector3, Vector6, rotation_exp, rotation_log, rotation_of, stack};
 use model::Pose;
 use nalgebra::{Quaternion, Rotation3, SVector, UnitQuaternion};
 use shared_types::pose_table::Row;
@@ -289,11 +289,7 @@ fn solved(mut band: Vec<[f64; 4]>, mut right: Vec<Vector7>) -> Vec<Vector7> {
 
 /// The pose that a position and a quaternion of a scenario mean in a frame, from the pose at the segment's start.
 fn placed(frame: Frame, start: &Pose, p: Vector3, q: Option<&[f64; 4]>) -> Pose {
-    let R = q.map_or_else(Matrix3::identity, |[w, x, y, z]| {
-        UnitQuaternion::from_quaternion(Quaternion::new(*w, *x, *y, *z))
-            .to_rotation_matrix()
-            .into_inner()
-    });
+    let R = q.map_or_else(Matrix3::identity, |q| rotation_of(*q));
     match frame {
         Frame::Base | Frame::World => Pose {
             R: if q.is_some() { R } else { start.R },

@@ -7,10 +7,9 @@
 use super::curve::{self, Curve, CurveError, Point, Sample};
 use super::free_axis::free_axis;
 use crate::centre::PoseMotion;
-use crate::linear::{Matrix3, Vector3, Vector6, rotation_exp, rotation_log, stack};
+use crate::linear::{Matrix3, Vector3, Vector6, rotation_exp, rotation_log, rotation_of, stack};
 use crate::types::{Class, Kind, Report, Singularity};
 use model::Pose;
-use nalgebra::{Quaternion, UnitQuaternion};
 use shared_types::codes;
 use shared_types::scenario::{self, Axis, Frame, Scenario};
 
@@ -381,6 +380,12 @@ impl Path {
         })
     }
 
+    /// All of its legs.
+    #[must_use]
+    pub fn legs(&self) -> &[Leg] {
+        &self.legs
+    }
+
     /// The leg at this index, while the path lasts.
     #[must_use]
     pub fn leg(&self, index: usize) -> Option<&Leg> {
@@ -692,12 +697,8 @@ fn leg<const N: usize>(
     };
     let rotation = if let Some(rows) = segment.rotation {
         Rotation::To(Matrix3::from_row_iterator(rows.into_iter().flatten()))
-    } else if let Some([w, x, y, z]) = segment.quaternion {
-        Rotation::To(
-            UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
-                .to_rotation_matrix()
-                .into_inner(),
-        )
+    } else if let Some(q) = segment.quaternion {
+        Rotation::To(rotation_of(q))
     } else if let Some(turn) = &segment.turn {
         Rotation::About(direction(i, &turn.about, report)?, turn.by_deg.to_radians())
     } else {
@@ -789,6 +790,7 @@ fn place<const N: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::{Rotation3, UnitQuaternion};
     use proptest::prelude::*;
 
     proptest! {
@@ -905,7 +907,7 @@ mod tests {
         let row = |k: u32| {
             let t = f64::from(k) / f64::from(rate_hz);
             let X = motion(t);
-            let R = nalgebra::Rotation3::from_matrix_unchecked(X.R);
+            let R = Rotation3::from_matrix_unchecked(X.R);
             let q = UnitQuaternion::from_rotation_matrix(&R);
             let q = q.quaternion() * if k.is_multiple_of(2) { 1.0 } else { -1.0 };
             format!(

@@ -6,6 +6,8 @@ use crate::limits::clock::MARGIN;
 use crate::linear::{Joints, largest_share};
 use crate::paper::type_2::Turn;
 use crate::reference::path::quintic;
+use crate::singularity::family::Family;
+use crate::singularity::turning::turning;
 use crate::types::{Refusal, Singularity};
 use model::Model;
 use shared_types::scenario::Control;
@@ -32,19 +34,19 @@ pub struct Room<'a, const N: usize> {
 
 /// The turn of ζ by `angle` (rad); the other way round where joint limits force it and the goal is the same line.
 ///
-/// `motion` gives the joint motion for an angle, rad; `duration_s` is the leg's.
+/// `duration_s` is the leg's.
 ///
 /// # Errors
 /// [`Refusal::Room`] where the joint limits allow neither.
 pub fn plan<const N: usize>(
+    family: &Family<N>,
     s: &Singularity<N>,
     angle: f64,
     duration_s: f64,
     room: &Room<'_, N>,
-    motion: impl Fn(f64) -> Option<Joints<N>>,
 ) -> Result<Turn<N>, Refusal> {
     let plan = |angle: f64| {
-        let by = motion(angle).filter(|by| room.holds(by))?;
+        let by = turning(family, room.model, room.q, s, angle).filter(|by| room.holds(by))?;
         Some(Turn {
             from: s.axis(),
             angle,

@@ -58,33 +58,11 @@ impl<const N: usize> Analyzer<N> {
     /// Units `q` rad, `qdot` rad/s · Frame of every vector in the report: B, at C.
     /// Requires finite `q`, `qdot` and `terms` of this very posture. Cost about 1 µs for six joints, no allocation.
     pub fn step(&mut self, q: &Joints<N>, qdot: &Joints<N>, terms: &Terms<N>) -> Report<N> {
-        let mut report = self.unexamined();
-        self.step_into(q, qdot, terms, &mut report);
+        let mut report = Report::unexamined(self.length_m);
+        let at = self.list(q, qdot, terms, &mut report);
+        let determinant = self.factors.determinant(q.as_slice());
+        conditioning(&mut report, &at.J, &terms.J, determinant, &self.task);
         report
-    }
-
-    /// [`step`](Self::step) into place: `report` is one of this analyzer's, its last or [`unexamined`](Self::unexamined).
-    pub fn step_into(
-        &mut self,
-        q: &Joints<N>,
-        qdot: &Joints<N>,
-        terms: &Terms<N>,
-        report: &mut Report<N>,
-    ) {
-        let at = self.list(q, qdot, terms, report);
-        conditioning(
-            report,
-            &at.J,
-            &terms.J,
-            self.factors.determinant(q.as_slice()),
-            &self.task,
-        );
-    }
-
-    /// A report of no posture: no singularity, and all else zero.
-    #[must_use]
-    pub fn unexamined(&self) -> Report<N> {
-        Report::unexamined(self.length_m, Vector3::zeros())
     }
 
     /// The same without rank, determinant and manipulability, which are zero in it.
@@ -97,7 +75,7 @@ impl<const N: usize> Analyzer<N> {
         qdot: &Joints<N>,
         terms: &Terms<N>,
     ) -> Report<N> {
-        let mut report = self.unexamined();
+        let mut report = Report::unexamined(self.length_m);
         self.list(q, qdot, terms, &mut report);
         report
     }

@@ -5,7 +5,6 @@ use crate::linear::{
 };
 use crate::types::Report;
 use model::Pose;
-use nalgebra::{Quaternion, UnitQuaternion};
 use shared_types::TargetContent;
 use shared_types::codes::{
     FRAME_BASE, FRAME_HAND, FRAME_SINGULAR, SIDE_POSITIVE, TARGET_END, TARGET_NONE, TARGET_POSE,
@@ -138,12 +137,8 @@ pub fn wish<const N: usize>(
             }
         }
         TARGET_POSE => {
-            let [w, x, y, z] = target.quaternion;
-            let given_R = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
-                .to_rotation_matrix()
-                .into_inner();
             // It has moved on with its twist since it was given.
-            let R = rotation_exp(&(angular(&given) * age_s)) * given_R;
+            let R = rotation_exp(&(angular(&given) * age_s)) * rotation_of(target.quaternion);
             let p = Vector3::from(target.position) + linear(&given) * age_s;
             let off = stack(&(p - X.p), &rotation_log(&(R * X.R.transpose())));
             let way = towards(&linear(&off), session.acceleration_m_s2);

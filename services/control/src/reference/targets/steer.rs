@@ -13,7 +13,7 @@ use crate::limits::Parts;
 use crate::limits::range::{self, Fastest};
 use crate::limits::torque::Limited;
 use crate::linear::{
-    Joints, Matrix3, Vector3, Vector6, angular, linear, rotation_log, smoothstep, stack,
+    Joints, Matrix3, Vector3, Vector6, angular, is_finite, linear, rotation_log, smoothstep, stack,
 };
 use crate::paper::operational_space::Cholesky;
 use crate::reference::path::{HORIZON_S, Progress};
@@ -115,7 +115,7 @@ impl<const N: usize> Controller<N> {
         let qddot_r = self.state.targets.accelerate(&self.setup, &reference);
         let sent = self.state.sent;
         self.follow(inputs, terms, [&q_r, &qdot_r, &qddot_r], &mut command);
-        if !command.tau.iter().all(|x| x.is_finite()) {
+        if !is_finite(&command.tau) {
             // The torque to rest begins at the last one that was sent.
             self.state.sent = sent;
             return self.refuse(inputs.q, inputs.qdot, Refusal::Torque);
@@ -226,17 +226,12 @@ impl<const N: usize> Controller<N> {
         let Some(targets) = &self.targets else { return };
         let control = &self.setup.scenario.control;
         let feedback = (q_r - inputs.q) * control.k_p + (qdot_r - inputs.qdot) * control.k_v;
-        let mut bias = terms.bias();
         // Without a sensor the contact is part of the disturbance.
         let bearing = (self.state.force.bearing(terms)).filter(|_| inputs.wrist.is_some());
-        if let Some(bearing) = bearing {
-            bias += bearing;
-        }
-        if control.compensate_disturbance {
-            bias = targets
-                .drives
-                .compensating(bias, inputs.tau_disturbance, &terms.J);
-        }
+        let disturbance = control
+            .compensate_disturbance
+            .then_some(inputs.tau_disturbance);
+        let bias = targets.drives.bias(terms, bearing, disturbance);
         let null = self.state.targets.sent.null;
         let parts = Parts {
             null,
