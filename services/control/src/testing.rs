@@ -2,7 +2,7 @@
 
 use crate::centre::AtCentre;
 use crate::controller::Controller;
-use crate::linear::{Joints, Vector3, Vector6};
+use crate::linear::{Joints, Vector6};
 use crate::setup::start_posture;
 use crate::singularity::analyzer::Analyzer;
 use crate::tick::{Inputs, Now};

@@ -795,16 +795,6 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_quintic_is_its_own_derivative(t in 0.01..1.99_f64) {
-            let h = 1e-5;
-            let [x0, v0, _] = quintic(t - h, 2.0);
-            let [x1, v1, _] = quintic(t + h, 2.0);
-            let [_, v, a] = quintic(t, 2.0);
-            prop_assert!(((x1 - x0) / (2.0 * h) - v).abs() < 1e-7);
-            prop_assert!(((v1 - v0) / (2.0 * h) - a).abs() < 1e-7);
-        }
-
-        #[test]
         fn desired_motion_is_consistent_at_any_clock_speed(t in 0.1..1.9_f64, rate in 0.1..1.0_f64) {
             for segment in [
                 "by_m = [0.1, -0.2, 0.05]\nturn = { about = \"y\", by_deg = 120 }",

@@ -4,7 +4,7 @@
 //! neighbourhoods with hysteresis, rank, determinant, manipulability.
 
 use crate::centre::AtCentre;
-use crate::linear::{Jacobian, Joints, Vector3, Vector6, rank, volume};
+use crate::linear::{Jacobian, Joints, Vector6, rank, volume};
 use crate::paper::neighborhood::Neighborhood;
 use crate::singularity::family::{Family, Posture};
 use crate::types::{Report, Singularity};
