@@ -385,11 +385,21 @@ pub(super) fn rounded(poses: &[Pose], blend_m: Option<f64>) -> Vec<Sample> {
 }
 
 /// An arc about a unit vector in base axes.
-pub(super) fn arc(arc: &shared_types::scenario::Arc, axis: &Vector3, start: &Pose) -> Vec<Sample> {
+///
+/// # Errors
+/// The radius at which it begins, m, where it has none there or at its end.
+pub(super) fn arc(
+    arc: &shared_types::scenario::Arc,
+    axis: &Vector3,
+    start: &Pose,
+) -> Result<Vec<Sample>, f64> {
     let centre = placed(arc.frame, start, arc.centre_m.into(), None).p;
     let from = start.p - centre;
     let radial = from - axis * from.dot(axis);
     let (foot, radius) = (start.p - radial, radial.norm());
+    if radius < 1e-6 || radius + arc.grow_m <= 0.0 {
+        return Err(radius);
+    }
     let angle = arc.by_deg.to_radians();
     let count = (angle.abs() / FINE).ceil().max(8.0) as u32;
     let sample = |k: u32| {
@@ -404,13 +414,7 @@ pub(super) fn arc(arc: &shared_types::scenario::Arc, axis: &Vector3, start: &Pos
         };
         (s, Pose { R, p })
     };
-    (0..=count).map(sample).collect()
-}
-
-/// The radius at which an arc begins, m.
-pub(super) fn radius(arc: &shared_types::scenario::Arc, axis: &Vector3, start: &Pose) -> f64 {
-    let from = start.p - placed(arc.frame, start, arc.centre_m.into(), None).p;
-    (from - axis * from.dot(axis)).norm()
+    Ok((0..=count).map(sample).collect())
 }
 
 /// The poses of a table, over its time as a share of all.

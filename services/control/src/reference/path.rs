@@ -214,12 +214,12 @@ impl Progress {
         }
     }
 
-    /// The pose at the leg's end.
-    #[must_use]
-    pub fn goal(&self) -> Pose {
+    /// The pose at a share of the leg's straight way.
+    #[inline]
+    fn along(&self, x: f64) -> Pose {
         Pose {
-            R: rotation_exp(&self.turn) * self.start.R,
-            p: self.start.p + self.by,
+            R: rotation_exp(&(self.turn * x)) * self.start.R,
+            p: self.start.p + self.by * x,
         }
     }
 }
@@ -239,17 +239,11 @@ impl Ahead<'_> {
     #[must_use]
     pub fn pose(&self, share: f64) -> Pose {
         let x = self.from + share * (self.to - self.from);
-        if let Some(curve) = self.curve {
-            let Pose { R, p } = curve.at(x).pose;
-            return Pose {
-                R,
-                p: p + R * self.p_E,
-            };
-        }
-        let R = rotation_exp(&(self.progress.turn * x)) * self.progress.start.R;
+        let way = |curve: &Curve| curve.at(x).pose;
+        let Pose { R, p } = self.curve.map_or_else(|| self.progress.along(x), way);
         Pose {
             R,
-            p: self.progress.start.p + self.progress.by * x + R * self.p_E,
+            p: p + R * self.p_E,
         }
     }
 }
@@ -428,7 +422,7 @@ impl Path {
                 return;
             }
             if leg.law != Law::ThereAndBack {
-                progress.start = progress.goal();
+                progress.start = progress.along(1.0);
             }
             progress.time_s -= leg.duration_s;
             progress.leg += 1;
@@ -500,13 +494,9 @@ impl Path {
                 fraction,
             };
         }
-        let Progress { by, turn, .. } = *progress;
         Place {
-            pose: Pose {
-                R: rotation_exp(&(turn * x)) * progress.start.R,
-                p: progress.start.p + by * x,
-            },
-            slope: stack(&by, &turn),
+            pose: progress.along(x),
+            slope: stack(&progress.by, &progress.turn),
             bend: None,
             fraction,
         }
@@ -604,14 +594,13 @@ fn samples<const N: usize>(
     }
     if let Some(arc) = &segment.arc {
         let axis = direction(i, &arc.about, report)?.resolve(start, report);
-        let radius = curve::radius(arc, &axis, start);
-        if radius < 1e-6 || radius + arc.grow_m <= 0.0 {
-            return Err(wrong(format!(
+        let samples = curve::arc(arc, &axis, start).map_err(|radius| {
+            wrong(format!(
                 "the arc begins with a radius of {radius:.6} m and grows by {} m: move centre_m away from the hand, or correct grow_m",
                 arc.grow_m
-            )));
-        }
-        return exactly(curve::arc(arc, &axis, start));
+            ))
+        });
+        return exactly(samples?);
     }
     let Some(table) = &segment.table else {
         return Ok(None);

@@ -60,10 +60,8 @@ pub struct Situation<'a, const N: usize> {
     pub error: &'a Vector6,
     /// Motion at C by which the folds before it will open, `[m; rad]`: at the lock ζ is turned out of its way, too.
     pub opening: &'a Vector6,
-    /// Lower joint limits, rad.
-    pub lower: &'a Joints<N>,
-    /// Upper joint limits, rad.
-    pub upper: &'a Joints<N>,
+    /// The arm's model: its joints' limits.
+    pub model: &'a Model<N>,
     /// Largest auxiliary rate, rad/s.
     pub rate_max: f64,
     /// Whether the clock slows down for a rate that is too large.

@@ -297,7 +297,7 @@ fn decided<const N: usize>(angle: f64, s: &Singularity<N>, memory: &mut Memory) 
 fn fits<const N: usize>(by: f64, s: &Singularity<N>, at: &Situation<'_, N>) -> bool {
     (0..N).all(|i| {
         let q = at.q[i] + s.aux_row[i] * by;
-        s.aux_row[i].abs() < 1e-3 || q > at.lower[i] && q < at.upper[i]
+        s.aux_row[i].abs() < 1e-3 || q > at.model.lower()[i] && q < at.model.upper()[i]
     })
 }
 
@@ -454,9 +454,9 @@ fn room<const N: usize>(side: f64, s: &Singularity<N>, at: &Situation<'_, N>, mo
     (0..N).fold(most, |room, i| {
         let by = side * s.aux_row[i];
         let left = if by > 0.0 {
-            at.upper[i] - at.q[i]
+            at.model.upper()[i] - at.q[i]
         } else {
-            at.q[i] - at.lower[i]
+            at.q[i] - at.model.lower()[i]
         };
         if by.abs() > 0.1 {
             room.min(left / by.abs())
