@@ -6,8 +6,7 @@
 
 use crate::centre::PoseMotion;
 use crate::law::force::{self, Forces};
-use crate::linear;
-use crate::linear::{Joints, Vector3, Vector6};
+use crate::linear::{Joints, Matrix3, Vector3, Vector6, is_finite, linear, stack};
 use crate::plan::{self, kinematics::Kinematics};
 use crate::reference::free_axis;
 use crate::reference::path::{Path, Progress};
@@ -200,7 +199,7 @@ impl<const N: usize> GroundTruth for Truth<N> {
 
     fn analyse(&mut self, truth: &PlantState, reported: &SingularityReport) {
         let (q, qdot) = (joints(&truth.q), joints(&truth.qdot));
-        if !linear::is_finite(&q) || !linear::is_finite(&qdot) {
+        if !is_finite(&q) || !is_finite(&qdot) {
             return;
         }
         self.model.evaluate_into(&q, &qdot, &mut self.terms);
@@ -234,13 +233,13 @@ impl<const N: usize> GroundTruth for Truth<N> {
         truth: &PlantState,
         error: &Vector6,
     ) -> Option<Contact> {
-        let R = nalgebra::Matrix3::from_column_slice(&truth.R_BE);
+        let R = Matrix3::from_column_slice(&truth.R_BE);
         let press = match place {
             Some(place) => self.forces.at(place.leg, &R),
             None => self.forces.of_target(target?, &R),
         }?;
         let borne = |axis: &Vector6| (axis - self.orthogonal(axis)).norm();
-        let F = linear::stack(
+        let F = stack(
             &truth.contact_force_n.into(),
             &truth.contact_torque_nm.into(),
         );
@@ -251,7 +250,7 @@ impl<const N: usize> GroundTruth for Truth<N> {
             ramp_s: press.ramp_s(),
             e: press.e,
             pressed_n: -press.e.dot(&Vector3::from(truth.contact_force_n)),
-            across_mm: 1e3 * linear::linear(&press.across(error)).norm(),
+            across_mm: 1e3 * linear(&press.across(error)).norm(),
             borne: press.axes().iter().map(borne).fold(0.0, f64::max),
         })
     }
@@ -285,10 +284,10 @@ impl<const N: usize> GroundTruth for Truth<N> {
             return Vector6::repeat(f64::NAN);
         };
         let desired = path.place(place).moving(0.0, 0.0);
-        let R = nalgebra::Matrix3::from_column_slice(&truth.R_BE);
+        let R = Matrix3::from_column_slice(&truth.R_BE);
         let free = free_axis::free_axis(&self.task);
         let turn = free_axis::rotation_error(&desired.R, &R, free.as_ref());
-        let error = linear::stack(&(desired.p - Vector3::from(truth.p_BE)), &turn);
+        let error = stack(&(desired.p - Vector3::from(truth.p_BE)), &turn);
         let press = self.forces.at(place.leg, &R);
         let error = press.map_or(error, |press| press.across(&error));
         // Times zero, not zero: a NaN stays one.

@@ -1,7 +1,7 @@
 //! The reference arm of a steered run in closed loop: random targets, and an arm that follows it exactly.
 
 use crate::Controller;
-use crate::linear::{Joints, Vector6};
+use crate::linear::{Joints, Vector3, Vector6, angular, linear, rotation_log, stack};
 use crate::testing::{Bench, robot};
 use crate::types::Phase;
 use model::Model;
@@ -142,7 +142,7 @@ fn an_arm_with_a_spare_joint_rests_in_a_lock_beyond_which_its_target_leads() {
 fn out_of_a_lock(name: &str, lock: [f64; 7], twist: [f64; 6]) -> ([f64; 2], f64) {
     let model = Model::<7>::new(robot(name), None).unwrap();
     let from = model.forward_kinematics(&Joints::from(lock));
-    let asked = nalgebra::Vector6::from(twist) * 4.0;
+    let asked = Vector6::from(twist) * 4.0;
     let target = TargetContent {
         kind: TARGET_TWIST,
         valid_s: 10.0,
@@ -153,12 +153,12 @@ fn out_of_a_lock(name: &str, lock: [f64; 7], twist: [f64; 6]) -> ([f64; 2], f64)
     for ticks in [200, 1000, 4000] {
         let (_, [q, _]) = steer::<7>(name, &format!("q = {lock:?}"), &[(target, ticks)]).unwrap();
         let to = model.forward_kinematics(&q);
-        let turn = crate::linear::rotation_log(&(to.R * from.R.transpose()));
-        let moved = crate::linear::stack(&(to.p - from.p), &turn);
+        let turn = rotation_log(&(to.R * from.R.transpose()));
+        let moved = stack(&(to.p - from.p), &turn);
         share = moved.dot(&asked) / asked.norm_squared();
         let across = moved - asked * share;
-        worst[0] = worst[0].max(crate::linear::linear(&across).norm());
-        worst[1] = worst[1].max(crate::linear::angular(&across).norm());
+        worst[0] = worst[0].max(linear(&across).norm());
+        worst[1] = worst[1].max(angular(&across).norm());
     }
     (worst, share)
 }
@@ -362,7 +362,7 @@ fn a_turn_about_a_lost_direction_is_made_on_an_arm_without_formulas() {
         let (sin, cos) = (60.0 + beside_deg).to_radians().sin_cos();
         let about = twist([0.0, 0.0, 0.0, 0.3 * cos, -0.3 * sin, 0.0], 10.0);
         let (state, [q, _]) = steer::<6>("puma560", start, &[(about, 4000)]).unwrap();
-        let turned = crate::linear::rotation_log(&(pose(&q) * pose(&from).transpose())).norm();
+        let turned = rotation_log(&(pose(&q) * pose(&from).transpose())).norm();
         assert!(
             turned > 0.9 * 1.2,
             "{beside_deg}° beside ζ: {turned} of 1.2 rad, {state:?}"
@@ -433,7 +433,7 @@ fn an_arm_that_is_not_where_it_should_be_is_not_said_to_follow() {
 
 /// A PUMA in wrist lock, 5 mm above a spring of 20 N/mm, under a target for so many s: the mean and the largest error of the force in the last second, N, how
 /// far the hand has gone, m, and the session's state.
-fn pressed(force: [f64; 3], seconds: f64) -> (f64, f64, nalgebra::Vector3, ServoState) {
+fn pressed(force: [f64; 3], seconds: f64) -> (f64, f64, Vector3, ServoState) {
     let start = "q_deg = [10, -40, 25, 20, 0, 60]\n[servo]\nduration_s = 60.0\n[[plant.surface]]\npoint_m = [0, 0, 0]";
     let text = format!("name = \"t\"\nrobot = \"puma560\"\n[start]\n{start}\n");
     let mut arm = Bench::<6>::new(&text);
