@@ -369,6 +369,17 @@ pub fn angular(twist: &Vector6) -> Vector3 {
     twist.fixed_rows::<3>(3).into_owned()
 }
 
+/// One half of a twist.
+#[must_use]
+#[inline]
+pub fn half_of(twist: &Vector6, is_angular: bool) -> Vector3 {
+    if is_angular {
+        angular(twist)
+    } else {
+        linear(twist)
+    }
+}
+
 /// The vector of this half of a twist, the other half zero.
 #[must_use]
 #[inline]

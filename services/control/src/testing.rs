@@ -59,6 +59,14 @@ pub(crate) struct PumaLengths {
     pub(crate) q3_stretched: f64,
 }
 
+impl PumaLengths {
+    /// q2 that puts the wrist centre above the waist axis, rad: R = c2·K + s2·M = 0 at atan2(−K, M).
+    pub(crate) fn overhead(&self, q3: f64) -> f64 {
+        let (sin, cos) = libm::sincos(q3 - self.q3_stretched);
+        libm::atan2(-(self.a2 + self.L3 * cos), -self.L3 * sin)
+    }
+}
+
 /// The lengths of a built-in PUMA.
 pub(crate) fn puma_lengths(name: &str) -> PumaLengths {
     let Factors::Puma { a2, a3, d4 } = robot(name).factors else {

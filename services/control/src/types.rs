@@ -1,7 +1,7 @@
 //! The analyzer's report and the controller's command, sized by the arm; `wire` turns both into messages.
 
 use crate::limits::torque::Limited;
-use crate::linear::{Joints, Matrix3, Vector3, Vector6};
+use crate::linear::{Joints, Matrix3, Vector3, Vector6, half_of};
 use crate::paper::neighborhood::Neighborhood;
 use model::Pose;
 use shared_types::{MAX_SINGULARITIES, ServoState, codes};
@@ -180,11 +180,7 @@ impl<const N: usize> Singularity<N> {
     /// The unit vector of ζ_i: an axis of rotation if `angular`, else a direction of translation.
     #[must_use]
     pub fn axis(&self) -> Vector3 {
-        if self.angular {
-            crate::linear::angular(&self.zeta_B)
-        } else {
-            crate::linear::linear(&self.zeta_B)
-        }
+        half_of(&self.zeta_B, self.angular)
     }
 
     /// The coordinate whose sign is the side of a lock. An elbow's s_i has the same sign on both sides of some arms' folds; its own coordinate has not.

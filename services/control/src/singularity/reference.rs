@@ -3,7 +3,7 @@
 use super::auxiliary_row::FOUND;
 use super::family::Situation;
 use super::tracker::SMALLEST;
-use crate::linear::{Vector3, Vector6, angular, linear, rotation_log, sign, smoothstep, wrap_line};
+use crate::linear::{Vector3, half_of, rotation_log, sign, smoothstep, wrap_line};
 use crate::paper::reference::{Memory, Target};
 use crate::paper::type_1::{Fold, SIDE_CHANGE};
 use crate::paper::type_2;
@@ -145,11 +145,6 @@ pub(super) fn direction<const N: usize>(
     })
 }
 
-/// The half of a twist, or of a pose error, that ζ takes.
-fn half<const N: usize>(s: &Singularity<N>, V: &Vector6) -> Vector3 {
-    if s.angular { angular(V) } else { linear(V) }
-}
-
 /// The desired motion along ζ without the share that the kept motion has along it, which the auxiliary coordinate does not repeat; m/s or rad/s.
 fn along<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>) -> f64 {
     let moved = s.zeta_B.dot(&(at.at.J * at.qdot_planned));
@@ -207,7 +202,7 @@ fn turned<const N: usize>(
     memory: &mut Memory,
 ) -> Target {
     let (zeta, t) = (s.axis(), s.axis().cross(&s.R_BS.column(1)));
-    let error = half(s, at.error);
+    let error = half_of(at.error, s.angular);
     let ahead = if is_hasty(s, at, &error, (&zeta, &t)) {
         1.0
     } else {
@@ -228,7 +223,8 @@ fn turned<const N: usize>(
     } else {
         within_limits(angle / kappa_2, PI / kappa_2, s, at)
     };
-    let rate = (bend * along - across * half(s, &at.desired.V).dot(&t)) / (square + least * least);
+    let rate = (bend * along - across * half_of(&at.desired.V, s.angular).dot(&t))
+        / (square + least * least);
     memory.holding = weight < if memory.holding { 0.5 } else { 0.3 };
     Target {
         error,
@@ -250,7 +246,7 @@ fn is_hasty<const N: usize>(
     error: &Vector3,
     (zeta, t): (&Vector3, &Vector3),
 ) -> bool {
-    let V = half(s, &at.desired.V);
+    let V = half_of(&at.desired.V, s.angular);
     let (across, bend) = (
         error.dot(zeta),
         s.gain / s.kappa_2.max(SLOWEST_TURN) + error.dot(t),
@@ -327,7 +323,7 @@ fn one_sided<const N: usize>(
     memory: &mut Memory,
 ) -> Target {
     let (zeta, t) = (s.axis(), s.axis().cross(&s.R_BS.column(1)));
-    let e = half(s, at.error);
+    let e = half_of(at.error, s.angular);
     let (x, g) = (zeta.dot(&e), s.gain + s.kappa_2 * t.dot(&e));
     let square = g * g - 2.0 * s.kappa_1 * x;
     let root = square.max(0.0).sqrt();
@@ -421,7 +417,7 @@ fn aside<const N: usize>(
         memory.passing = false;
         return None;
     }
-    let d = left_of_leg(s, at) + half(s, at.opening);
+    let d = left_of_leg(s, at) + half_of(at.opening, s.angular);
     let (zeta, T) = (s.axis(), s.R_BS.column(1).cross(&s.axis()));
     let (along, across) = (zeta.dot(&d), T.dot(&d));
     let square = along * along + across * across;

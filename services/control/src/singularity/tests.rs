@@ -5,12 +5,11 @@ use super::screws::Screws;
 use super::turning::turning;
 use crate::centre::AtCentre;
 use crate::linear::{
-    Basis, Jacobian, Joints, Matrix3, Vector3, Vector6, angular, linear, symmetric_eigen,
-    wrap_angle,
+    Basis, Jacobian, Joints, Matrix3, Vector3, Vector6, half_of, symmetric_eigen, wrap_angle,
 };
 use crate::paper::singular_frame::orthogonal_rows;
 use crate::singularity::analyzer::{Analyzer, RANK_TOLERANCE};
-use crate::testing::{PumaLengths, puma_lengths};
+use crate::testing::puma_lengths;
 use crate::types::{Class, Kind, Report, Singularity};
 use model::{Model, Robot, RobotText};
 use nalgebra::{DMatrix, SMatrix};
@@ -327,7 +326,7 @@ fn explained<const N: usize>(arm: &Arm<N>, q: &Joints<N>, report: &Report<N>) {
     let (values, vectors) = symmetric_eigen(&(scaled * scaled.transpose()));
     for i in (0..6).filter(|i| values[*i] < 1e-10) {
         let u = vectors.column(i).into_owned();
-        let half = |s: &Singularity<N>| if s.angular { angular(&u) } else { linear(&u) };
+        let half = |s: &Singularity<N>| half_of(&u, s.angular);
         let share: f64 = inside.iter().map(|s| half(s).dot(&s.axis()).powi(2)).sum();
         assert!(share > 1e-3, "no ζ has a share in {u} at {q}: {inside:?}");
     }
@@ -649,14 +648,8 @@ fn predicted<const N: usize>(name: &str, place: usize, q: [f64; N], angle: f64) 
 
 #[test]
 fn the_predicted_motion_keeps_the_hand_still_and_turns_zeta() {
-    // Straight up with the elbow bent: R = 0 at q2 = atan2(−K, M).
-    let PumaLengths {
-        a2,
-        L3,
-        q3_stretched,
-    } = puma_lengths("puma560-ideal");
-    let theta = 2.6 - q3_stretched;
-    let q2 = libm::atan2(-(a2 + L3 * libm::cos(theta)), -L3 * libm::sin(theta));
+    // Straight up with the elbow bent.
+    let q2 = puma_lengths("puma560-ideal").overhead(2.6);
     for angle in [-1.2, 0.4, 1.5] {
         predicted("puma560", 1, [0.3, -1.0, 2.9, 0.2, 0.0, 0.1], angle);
         predicted("ur5", 1, [0.3, -1.2, 1.6, -1.0, 0.0, 0.2], angle);

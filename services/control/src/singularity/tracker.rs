@@ -31,7 +31,8 @@ use super::geometry::Geometry;
 use super::screws::Screws;
 use super::tracked_svd::{SQUARED_GAP, TrackedSvd};
 use crate::linear::{
-    Basis, Joints, Matrix3, Vector3, Vector6, angular, halves, linear, smoothstep, stack, unit,
+    Basis, Joints, Matrix3, Vector3, Vector6, angular, half_of, halves, linear, smoothstep, stack,
+    unit,
 };
 use crate::paper::neighborhood::Neighborhood;
 use crate::paper::type_2::TURNS;
@@ -761,10 +762,6 @@ pub(super) fn unscaled(u: &Vector6, length_m: f64) -> Vector6 {
     let mut a = *u;
     a.fixed_rows_mut::<3>(0).scale_mut(1.0 / length_m);
     a
-}
-
-fn half_of(u: &Vector6, is_angular: bool) -> Vector3 {
-    if is_angular { angular(u) } else { linear(u) }
 }
 
 /// Left null vector `u` without what has been given the directions ζ before it, each a pair of ζ and its own u, on scaled rows.

@@ -37,13 +37,7 @@ fn at_locks(random: &mut Uniform, locks: usize) -> Vector6 {
         q[4] = near(random);
     }
     if locks & 4 != 0 {
-        // R = c2·K + s2·M = 0 at q2 = atan2(−K, M), up or down.
-        let theta = q[2] - lengths.q3_stretched;
-        let (K, M) = (
-            lengths.a2 + lengths.L3 * libm::cos(theta),
-            -lengths.L3 * libm::sin(theta),
-        );
-        q[1] = libm::atan2(-K, M) + near(random);
+        q[1] = lengths.overhead(q[2]) + near(random);
     }
     q
 }
