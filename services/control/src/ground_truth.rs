@@ -296,10 +296,7 @@ impl<const N: usize> GroundTruth for Truth<N> {
 
     fn orthogonal(&self, error: &Vector6) -> Vector6 {
         let mut rest = *error;
-        for singularity in &self.report.singularities[..self.report.count] {
-            if !singularity.inside {
-                continue;
-            }
+        for singularity in self.report.listed().iter().filter(|s| s.inside) {
             for half in [0, 3] {
                 let zeta = singularity.zeta_B.fixed_rows::<3>(half);
                 let along = zeta.dot(&rest.fixed_rows::<3>(half));
@@ -312,7 +309,7 @@ impl<const N: usize> GroundTruth for Truth<N> {
     }
 
     fn is_beyond(&self, error: &Vector6) -> bool {
-        let listed = self.report.singularities[..self.report.count].iter();
+        let listed = self.report.listed().iter();
         listed.zip(&self.turned).any(|(one, turned)| {
             let way = one.zeta_B.fixed_rows::<3>(0).dot(&error.fixed_rows::<3>(0));
             let way = if *turned { -way } else { way };

@@ -3,7 +3,7 @@
 //! Along a singular direction inside its neighbourhood D_si the reference leads: its lead is what a fold opens by, and what it slides along. Elsewhere,
 //! and orthogonal to the singular directions, it is never further away than the accuracy asked for.
 
-use crate::linear::{Vector3, Vector6, angular, linear, rotation_exp, smoothstep, stack};
+use crate::linear::{Vector3, Vector6, angular, linear, rotation_exp, served, smoothstep, stack};
 use crate::reference::free_axis::{free_axis, rotation_error};
 use crate::types::Report;
 use model::Pose;
@@ -35,10 +35,9 @@ impl Lead {
         report: &Report<N>,
         task: &[bool; 6],
     ) -> Self {
-        let served = |v: Vector3, first: usize| {
-            Vector3::from_fn(|k, _| if task[first + k] { v[k] } else { 0.0 })
-        };
-        let error = served(reference.p - arm.p, 0);
+        let turn = rotation_error(&reference.R, &arm.R, free_axis(task).as_ref());
+        let off = served(task, &stack(&(reference.p - arm.p), &turn));
+        let (error, turn) = (linear(&off), angular(&off));
         let (mut across, mut length) = (error, ACROSS_M);
         for s in report.listed().iter().filter(|s| s.inside) {
             let axis = linear(&s.zeta_B);
@@ -49,8 +48,6 @@ impl Lead {
             let closed = 1.0 - s.neighborhood().openness(s.s);
             length = length.max(ACROSS_M + (ALONG_M - ACROSS_M) * closed);
         }
-        let turn = rotation_error(&reference.R, &arm.R, free_axis(task).as_ref());
-        let turn = served(turn, 3);
         let parts = [(across, ACROSS_M), (error - across, length), (turn, ANGLE)];
         Self {
             parts,
