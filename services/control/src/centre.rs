@@ -18,7 +18,6 @@ impl<const N: usize> AtCentre<N> {
     /// v_C = v_E + ω×r, v̇_C = v̇_E + ω̇×r + ω×(ω×r), with r = p_C − p_E.
     ///
     /// Requires C fixed to E's link, the last one.
-    #[must_use]
     #[inline]
     pub fn new(terms: &Terms<N>, p_BC: &Vector3) -> Self {
         let (r, omega) = (p_BC - terms.X_BE.p, &terms.omega[N - 1]);
@@ -52,7 +51,6 @@ pub struct PoseMotion {
 
 impl PoseMotion {
     /// Its pose.
-    #[must_use]
     #[inline]
     pub fn pose(&self) -> Pose {
         let (R, p) = (self.R, self.p);
@@ -60,7 +58,6 @@ impl PoseMotion {
     }
 
     /// At rest in `X`.
-    #[must_use]
     pub fn rest(X: &Pose) -> Self {
         Self {
             R: X.R,
@@ -71,7 +68,6 @@ impl PoseMotion {
     }
 
     /// The same motion of the body, seen at the point `p_E` (coordinates in the body's own axes).
-    #[must_use]
     #[inline]
     pub fn at(&self, p_E: &Vector3) -> Self {
         let r = self.R * p_E;

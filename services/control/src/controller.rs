@@ -202,13 +202,11 @@ impl<const N: usize> Controller<N> {
     }
 
     /// Why the path cannot be followed, found before the first tick: the controller then refuses from the first tick on.
-    #[must_use]
     pub fn obstacle(&self) -> Option<&str> {
         self.obstacle.as_deref()
     }
 
     /// A goal that no posture of the arm has, found before the first tick, in words.
-    #[must_use]
     pub fn warning(&self) -> Option<String> {
         beyond_reach::warning(&self.setup.guide)
     }

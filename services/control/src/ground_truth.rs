@@ -98,13 +98,11 @@ impl Contact {
     pub const REACHED: (f64, f64) = force::REACHED;
 
     /// Whether its direction is another one than `e`.
-    #[must_use]
     pub fn is_away_from(&self, e: &Vector3) -> bool {
         self.e.dot(e) < force::SAME_AXIS
     }
 
     /// The set-point of a force of `before_n`, N, a tick of `dt_s` s later.
-    #[must_use]
     pub fn set_point(&self, before_n: f64, dt_s: f64) -> f64 {
         force::ramped(before_n, self.newtons, self.ramp_s, dt_s)
     }

@@ -15,20 +15,17 @@ pub type Vector6 = nalgebra::Vector6<f64>;
 pub type Matrix3 = nalgebra::Matrix3<f64>;
 
 /// +1 or −1.
-#[must_use]
 #[inline]
 pub fn sign(is_positive: bool) -> f64 {
     if is_positive { 1.0 } else { -1.0 }
 }
 
 /// The vector with a one in place `i`, and zeros.
-#[must_use]
 pub fn unit<const N: usize>(i: usize) -> Joints<N> {
     Joints::from_fn(|k, _| if k == i { 1.0 } else { 0.0 })
 }
 
 /// The largest of |v_i|/limit_i, 0 where there is none.
-#[must_use]
 #[inline]
 pub fn largest_share<const N: usize>(v: &Joints<N>, limits: &Joints<N>) -> f64 {
     (0..N).fold(0.0, |share, i| share.max(v[i].abs() / limits[i]))
@@ -42,7 +39,6 @@ pub fn largest_share<const N: usize>(v: &Joints<N>, limits: &Joints<N>) -> f64 {
 ///
 /// Shapes R×C → at most min(R, C) for a tolerance above 1e-7, where the squares are rounded · Units none · Ensures that a NaN counts as lost · Errors
 /// none · Cost O(R²C + R³), 0.1 µs for 6×6; no allocation
-#[must_use]
 pub fn rank<const R: usize, const C: usize>(M: &SMatrix<f64, R, C>, tolerance: f64) -> u32 {
     // Whole columns of the symmetric matrix: quicker than the half of it.
     let mut S = [[0.0; R]; R];
@@ -103,7 +99,6 @@ fn positive_pivots<const R: usize>(mut S: [[f64; R]; R]) -> u32 {
 ///
 /// Shapes rows of length C, at most C of them: more span no volume, and what is left of rounding is returned · Units the product of the rows' · Requires
 /// finite entries: any other gives a NaN or zero · Errors none · Cost O(rows²·C), no allocation
-#[must_use]
 pub fn volume<const C: usize>(rows: &mut [SVector<f64, C>]) -> f64 {
     let mut volume = 1.0;
     for i in 0..rows.len() {
@@ -134,7 +129,6 @@ impl<const D: usize> std::ops::Deref for Basis<D> {
 
 impl<const D: usize> Basis<D> {
     /// The empty set.
-    #[must_use]
     pub fn empty() -> Self {
         Self {
             vectors: [SVector::zeros(); D],
@@ -186,7 +180,6 @@ impl<const D: usize> Basis<D> {
     }
 
     /// The unit vector orthogonal to all that has most of one axis; shorter, down to zeros, where the vectors leave none.
-    #[must_use]
     pub fn any(&self) -> SVector<f64, D> {
         // Of an orthonormal set: what it leaves of axis k has the square 1 − Σ b_k².
         let (mut best, mut most) = (SVector::<f64, D>::zeros(), 0.0);
@@ -280,7 +273,6 @@ impl Rotation {
 
     /// The pair (x, y), rotated.
     #[inline]
-    #[must_use]
     pub fn of(&self, x: f64, y: f64) -> (f64, f64) {
         (x * self.cos - y * self.sin, x * self.sin + y * self.cos)
     }
@@ -292,7 +284,6 @@ impl Rotation {
 ///
 /// Shapes M×M → M and M×M · Units of the values those of S · Requires finite entries, S = Sᵀ: a NaN or an infinity gives no finite values · Ensures VᵀV = 1 and
 /// V·diag(values)·Vᵀ = S within 1e-12 of the largest entry up to M = 8 (`sweeps_suffice`) · Errors none · Cost O(M³) per sweep, no allocation
-#[must_use]
 pub fn symmetric_eigen<const M: usize>(
     S: &SMatrix<f64, M, M>,
 ) -> (SVector<f64, M>, SMatrix<f64, M, M>) {
@@ -330,14 +321,12 @@ pub fn symmetric_eigen<const M: usize>(
 pub const SWEEPS: usize = 8;
 
 /// Whether every element is a finite number.
-#[must_use]
 #[inline]
 pub fn is_finite<const N: usize>(v: &SVector<f64, N>) -> bool {
     v.iter().all(|x| x.is_finite())
 }
 
 /// The Jacobian of the point that lies at `r` from that of `J`, on the same link: v + ω×r.
-#[must_use]
 #[inline]
 pub fn displaced<const N: usize>(mut J: Jacobian<N>, r: &Vector3) -> Jacobian<N> {
     for mut column in J.column_iter_mut() {
@@ -348,7 +337,6 @@ pub fn displaced<const N: usize>(mut J: Jacobian<N>, r: &Vector3) -> Jacobian<N>
 }
 
 /// The rotation of a quaternion w, x, y, z, which is made a unit.
-#[must_use]
 pub fn rotation_of([w, x, y, z]: [f64; 4]) -> Matrix3 {
     UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
         .to_rotation_matrix()
@@ -356,21 +344,18 @@ pub fn rotation_of([w, x, y, z]: [f64; 4]) -> Matrix3 {
 }
 
 /// The linear half of a twist.
-#[must_use]
 #[inline]
 pub fn linear(twist: &Vector6) -> Vector3 {
     twist.fixed_rows::<3>(0).into_owned()
 }
 
 /// The angular half of a twist.
-#[must_use]
 #[inline]
 pub fn angular(twist: &Vector6) -> Vector3 {
     twist.fixed_rows::<3>(3).into_owned()
 }
 
 /// One half of a twist.
-#[must_use]
 #[inline]
 pub fn half_of(twist: &Vector6, is_angular: bool) -> Vector3 {
     if is_angular {
@@ -381,7 +366,6 @@ pub fn half_of(twist: &Vector6, is_angular: bool) -> Vector3 {
 }
 
 /// The vector of this half of a twist, the other half zero.
-#[must_use]
 #[inline]
 pub fn halves(half: &Vector3, is_angular: bool) -> Vector6 {
     let zero = Vector3::zeros();
@@ -393,14 +377,12 @@ pub fn halves(half: &Vector3, is_angular: bool) -> Vector6 {
 }
 
 /// The parts of a twist or error along the axes that a task serves, zero along the others.
-#[must_use]
 #[inline]
 pub fn served(task: &[bool; 6], twist: &Vector6) -> Vector6 {
     Vector6::from_fn(|k, _| if task[k] { twist[k] } else { 0.0 })
 }
 
 /// Cubic step: 0 at x ≤ 0, 1 at x ≥ 1, flat at both ends.
-#[must_use]
 #[inline]
 pub fn smoothstep(x: f64) -> f64 {
     let x = x.clamp(0.0, 1.0);
@@ -408,7 +390,6 @@ pub fn smoothstep(x: f64) -> f64 {
 }
 
 /// `x` brought to (−π, π].
-#[must_use]
 pub fn wrap_angle(x: f64) -> f64 {
     use std::f64::consts::{PI, TAU};
     let y = x - TAU * libm::floor((x + PI) / TAU);
@@ -416,7 +397,6 @@ pub fn wrap_angle(x: f64) -> f64 {
 }
 
 /// `x` brought to (−π/2, π/2]: the nearest of two opposite directions.
-#[must_use]
 pub fn wrap_line(x: f64) -> f64 {
     0.5 * wrap_angle(2.0 * x)
 }

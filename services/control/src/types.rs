@@ -15,12 +15,10 @@ macro_rules! coded {
 
         impl $name {
             /// The named integer on the wire.
-            #[must_use]
             pub fn code(self) -> u32 {
                 match self { Self::$first => codes::$first_code, $( Self::$variant => codes::$code ),* }
             }
             /// From the wire; `None` for a code that has no name.
-            #[must_use]
             pub fn from_code(code: u32) -> Option<Self> {
                 match code { codes::$first_code => Some(Self::$first), $( codes::$code => Some(Self::$variant), )* _ => None }
             }
@@ -178,13 +176,11 @@ pub struct Singularity<const N: usize> {
 
 impl<const N: usize> Singularity<N> {
     /// The unit vector of ζ_i: an axis of rotation if `angular`, else a direction of translation.
-    #[must_use]
     pub fn axis(&self) -> Vector3 {
         half_of(&self.zeta_B, self.angular)
     }
 
     /// The coordinate whose sign is the side of a lock. An elbow's s_i has the same sign on both sides of some arms' folds; its own coordinate has not.
-    #[must_use]
     #[inline]
     pub fn across(&self) -> f64 {
         match self.class {
@@ -194,7 +190,6 @@ impl<const N: usize> Singularity<N> {
     }
 
     /// Its neighbourhood.
-    #[must_use]
     #[inline]
     pub fn neighborhood(&self) -> Neighborhood {
         Neighborhood {
@@ -204,7 +199,6 @@ impl<const N: usize> Singularity<N> {
     }
 
     /// Nothing: what unused places of a report hold.
-    #[must_use]
     #[inline]
     pub fn none() -> Self {
         Self {
@@ -265,7 +259,6 @@ impl<const N: usize> Report<N> {
     }
 
     /// The singularities in use.
-    #[must_use]
     #[inline]
     pub fn listed(&self) -> &[Singularity<N>] {
         &self.singularities[..self.count.min(MAX_SINGULARITIES)]

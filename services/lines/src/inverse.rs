@@ -16,7 +16,6 @@ pub(crate) struct PumaLengths {
 
 impl PumaLengths {
     /// From the DH lengths, m.
-    #[must_use]
     pub(crate) fn new(a2: f64, a3: f64, d4: f64) -> Self {
         Self {
             a2,
@@ -26,7 +25,6 @@ impl PumaLengths {
     }
 
     /// Elbow angle from full stretch, (−π, π].
-    #[must_use]
     pub(crate) fn theta(&self, q3: f64) -> f64 {
         wrap_angle(q3 - self.q3_stretched)
     }
@@ -48,7 +46,6 @@ pub(crate) struct PumaInverse<'a> {
 
 impl<'a> PumaInverse<'a> {
     /// The inverse kinematics of `model`, whose frame E is at the wrist centre.
-    #[must_use]
     pub(crate) fn new(model: &'a Model<6>, lengths: PumaLengths) -> Self {
         let terms = model.evaluate(&Joints::zeros(), &Joints::zeros());
         let (z1, z2) = (terms.z[0], terms.z[1]);
@@ -82,7 +79,6 @@ impl<'a> PumaInverse<'a> {
     }
 
     /// q2 that puts the wrist centre at in-plane radius `R`, from the elbow's angle, on the side where `q2` is; `None` beyond reach.
-    #[must_use]
     pub(crate) fn shoulder_for(&self, q2: f64, q3: f64, R: f64) -> Option<f64> {
         let (sin, cos) = libm::sincos(self.lengths.theta(q3));
         let (K, M) = (
@@ -150,7 +146,6 @@ impl<'a> PumaInverse<'a> {
     }
 
     /// The posture nearest to `near`.
-    #[must_use]
     pub(crate) fn nearest(&self, X: &Pose, near: &Joints<6>) -> Option<Joints<6>> {
         let distance = |q: &Joints<6>| (q - near).norm_squared();
         self.all(X, near)

@@ -25,7 +25,6 @@ pub struct JointMemory<const N: usize> {
 
 impl<const N: usize> JointMemory<N> {
     /// A reference at `q`.
-    #[must_use]
     pub fn at(q: Joints<N>) -> Self {
         Self {
             holding: false,

@@ -71,7 +71,6 @@ pub struct Demand {
 
 impl Demand {
     /// Operational control alone.
-    #[must_use]
     pub fn none() -> Self {
         Self {
             beta: 1.0,
@@ -140,7 +139,6 @@ impl Loop {
     }
 
     /// Whether this singularity takes part in the solve.
-    #[must_use]
     #[inline]
     pub fn engaged(&self) -> bool {
         self.mode != Mode::Regular

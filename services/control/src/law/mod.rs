@@ -296,7 +296,6 @@ pub fn solve<const N: usize>(
 
 impl<const N: usize> Torques<N> {
     /// Largest share of a joint's speed limit at full clock speed; `velocity` are the limits, rad/s.
-    #[must_use]
     #[inline]
     pub fn speed_share(&self, velocity: &Joints<N>) -> f64 {
         largest_share(&self.qdot_nominal, velocity)

@@ -136,7 +136,6 @@ impl Clock {
 }
 
 /// Torque that is left for following the path beside what holds the arm: |holding + r²·following| ≤ 0.95·limit, at least a hundredth of it; N·m.
-#[must_use]
 pub(crate) fn room(limit: f64, holding: f64) -> f64 {
     (MARGIN * limit - holding.abs()).max(0.01 * limit)
 }

@@ -84,7 +84,6 @@ pub struct Parts<const N: usize> {
 
 impl<const N: usize> Parts<N> {
     /// Nothing.
-    #[must_use]
     pub fn zero() -> Self {
         let zero = Joints::zeros();
         Self {
@@ -151,7 +150,6 @@ fn largest<const N: usize>(
 ///
 /// Shapes N · Units those of the parts · Ensures shares in [0, 1]; what the rest alone has beyond the box stays there, and is the caller's to cut ·
 /// Cost O(N), no allocation
-#[must_use]
 #[inline]
 pub fn shares<const N: usize>(
     fixed: &Joints<N>,

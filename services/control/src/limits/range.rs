@@ -19,7 +19,6 @@ const STRAYED: f64 = 0.02;
 /// Whether a joint could not be stopped before its limit later than now, and no plan leads it away from there.
 ///
 /// `terms` are those of `q`: a joint brakes with the torque that gravity leaves it.
-#[must_use]
 #[inline]
 pub fn is_nearing<const N: usize>(
     planned: Option<&Planned<N>>,
@@ -94,7 +93,6 @@ impl Default for Fastest {
 ///
 /// `qdot` are the joint velocities at full clock speed. Shapes N · Units rad, rad/s · Ensures a clock in [10⁻⁷, 1], the lowest only where a joint that
 /// moves towards its limit is at the margin · Errors none · Cost O(N), no allocation
-#[must_use]
 pub fn fastest<const N: usize>(q: &Joints<N>, qdot: &Joints<N>, model: &Model<N>) -> Fastest {
     let mut fastest = Fastest::default();
     for i in (0..N).filter(|i| qdot[*i].abs() >= STILL) {

@@ -54,7 +54,6 @@ pub fn held<const N: usize>(
 }
 
 /// Demand on the clock by the joints' present speeds, beyond the share of a limit that the path may take; 0 below it.
-#[must_use]
 #[inline]
 pub fn demand<const N: usize>(qdot: &Joints<N>, velocity: &Joints<N>) -> f64 {
     let share = largest_share(qdot, velocity);

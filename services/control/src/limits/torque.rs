@@ -53,7 +53,6 @@ fn mask<const N: usize>(is_set: impl Fn(usize) -> bool) -> u32 {
 
 impl<const N: usize> Drives<N> {
     /// Those of `model` in ticks of `dt` s, where a body falls with `fall`, m/s².
-    #[must_use]
     pub fn of(model: &Model<N>, fall: Vector3, dt: f64) -> Self {
         Self {
             effort: *model.effort(),
@@ -160,7 +159,6 @@ impl<const N: usize> Drives<N> {
 
 impl<const N: usize> Sent<N> {
     /// Of an arm that is carried at rest by `gravity`, N·m.
-    #[must_use]
     pub fn holding(gravity: &Joints<N>, effort: &Joints<N>) -> Self {
         Self {
             tau: gravity.zip_map(effort, |g, limit| g.clamp(-limit, limit)),
@@ -177,7 +175,6 @@ impl<const N: usize> Sent<N> {
     }
 
     /// One that a checkpoint has, within the limits; nothing at all where it is not a number: a damaged checkpoint moves no arm.
-    #[must_use]
     pub fn restored([tau, path, null]: [Joints<N>; 3], effort: &Joints<N>) -> Self {
         let zero = Joints::zeros();
         if ![tau, path, null].iter().flatten().all(|x| x.is_finite()) {

@@ -65,7 +65,6 @@ impl<const N: usize> Cholesky<N> {
     }
 
     /// The solution of LLᵀX = B.
-    #[must_use]
     #[inline]
     pub fn solve<const K: usize>(&self, B: &SMatrix<f64, N, K>) -> SMatrix<f64, N, K> {
         let mut x = self.forward(B).transpose();
@@ -118,7 +117,6 @@ impl<const N: usize> Operational<N> {
 
     /// The operational force that gives the rows the accelerations `a` less J̇q̇: F = Λa, Λ = (J A⁻¹ Jᵀ)⁻¹ symmetric positive definite.
     /// Shape N×K for K accelerations, zero beyond the rows; N, N·m.
-    #[must_use]
     #[inline]
     pub fn force<const K: usize>(&self, a: &SMatrix<f64, N, K>) -> SMatrix<f64, N, K> {
         self.Lambda_inverse.solve(a)
@@ -129,7 +127,6 @@ impl<const N: usize> Operational<N> {
     /// J̄ = A⁻¹JᵀΛ, Λ = (J A⁻¹ Jᵀ)⁻¹     [CK95 Eq. 4]
     ///
     /// Shape N×K for K motions, zero beyond the rows → N×K · Ensures J·J̄ = 1, and the least kinetic energy
-    #[must_use]
     #[inline]
     pub fn Jbar<const K: usize>(&self, x: &SMatrix<f64, N, K>) -> SMatrix<f64, N, K> {
         self.A.solve(&(self.J_T * self.force(x)))
@@ -140,7 +137,6 @@ impl<const N: usize> Operational<N> {
     /// Γ = JᵀF + [1 − JᵀJ̄ᵀ]Γ₀     [CK95 Eq. 3]
     ///
     /// Shapes F N, zero beyond the rows, Γ₀ N → N; N·m · Ensures that Γ₀ does not accelerate the task; with as many rows as joints nothing of it is left
-    #[must_use]
     #[inline]
     pub fn torque(&self, F: &SVector<f64, N>, Gamma_0: &SVector<f64, N>) -> SVector<f64, N> {
         if self.count == N {
@@ -152,7 +148,6 @@ impl<const N: usize> Operational<N> {
     }
 
     /// The share of the accelerations `a` of the rows from `kept` on that the rows before them do not cause, a_s − J_s·J̄_r·a_r; zero in those rows.
-    #[must_use]
     #[inline]
     pub fn not_caused(&self, a: &SVector<f64, N>, kept: usize) -> SVector<f64, N> {
         let mut y = self.Lambda_inverse.forward(a);
@@ -166,7 +161,6 @@ impl<const N: usize> Operational<N> {
 /// Γ₀ = −A(q)[∇V₀ + k_vq q̇]     [CK95 Eq. 5]
 ///
 /// A multiplies the gradient, so the null-space motion is decoupled: ∇V₀ is an acceleration, rad/s²; k_vq 1/s. Shape n; N·m.
-#[must_use]
 #[inline]
 pub fn null_torque<const N: usize>(
     A: &SMatrix<f64, N, N>,

@@ -34,7 +34,6 @@ pub enum Condition {
 
 impl Condition {
     /// The paper's: inside D_si or not.
-    #[must_use]
     pub fn hard(inside: bool) -> Self {
         if inside { Self::Inside } else { Self::Clear }
     }

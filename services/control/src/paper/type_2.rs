@@ -33,7 +33,6 @@ pub struct Turn<const N: usize> {
 
 impl<const N: usize> Turn<N> {
     /// No turn.
-    #[must_use]
     pub fn none() -> Self {
         Self {
             from: Vector3::zeros(),
@@ -47,7 +46,6 @@ impl<const N: usize> Turn<N> {
     ///
     /// `share` of the way, 0 to 1, and its rate `share_rate`, 1/s of the path's clock, whose speed is `clock`. Requires the singularity's κ₂ to be the
     /// turning rate of ζ per auxiliary coordinate; |κ₂| ≤ 0.05 counts as one. Ensures an error in (−π, π]/κ₂ · Errors none · Cost O(1)
-    #[must_use]
     pub fn target(&self, s: &Singularity<N>, share: f64, share_rate: f64, clock: f64) -> Target {
         let turned = turned(s, &self.from);
         let wanted = self.angle * share;

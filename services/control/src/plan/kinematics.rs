@@ -57,20 +57,17 @@ pub struct Spectrum<const N: usize> {
 
 impl<const N: usize> Spectrum<N> {
     /// The smallest singular value of the task.
-    #[must_use]
     pub fn smallest(&self) -> f64 {
         self.sigma.get(self.free).copied().unwrap_or(0.0)
     }
 
     /// σ_k v_k's left vector: the task direction that the joint motion `v` moves, not normalised where it moves nothing.
-    #[must_use]
     pub fn lost(&self, k: usize) -> Vector6 {
         // The left vector of a vanishing σ: what no joint motion with a larger σ produces. Left to the caller for k with σ_k > 0.
         self.J * self.v[k]
     }
 
     /// Σ v_k (J v_k)ᵀe/(σ_k² + λ²) over what is above the floor: the shortest joint motion for the task displacement `e`.
-    #[must_use]
     pub fn solve(&self, e: &Vector6, damping: f64) -> Joints<N> {
         let mut dq = Joints::zeros();
         for k in self.free..N {
@@ -88,7 +85,6 @@ impl<const N: usize> Spectrum<N> {
     }
 
     /// The share of `dq` that moves nothing.
-    #[must_use]
     pub fn null_part(&self, dq: &Joints<N>) -> Joints<N> {
         self.v[..self.free]
             .iter()
@@ -98,7 +94,6 @@ impl<const N: usize> Spectrum<N> {
 
 impl<const N: usize> Kinematics<'_, N> {
     /// The pose of C.
-    #[must_use]
     pub fn pose(&self, q: &Joints<N>) -> Pose {
         let X = self.model.forward_kinematics(q);
         Pose {
@@ -108,7 +103,6 @@ impl<const N: usize> Kinematics<'_, N> {
     }
 
     /// From `X` to `X_d`, unit-scaled, on the task's axes; where two rotations are served, whatever the third one is.
-    #[must_use]
     pub fn error(&self, X_d: &Pose, X: &Pose) -> Vector6 {
         let turn = rotation_error(&X_d.R, &X.R, free_axis(&self.task).as_ref());
         let e = stack(&((X_d.p - X.p) / self.length_m), &turn);
@@ -116,7 +110,6 @@ impl<const N: usize> Kinematics<'_, N> {
     }
 
     /// The spectrum of the unit-scaled Jacobian at C.
-    #[must_use]
     pub fn spectrum(&self, q: &Joints<N>) -> Spectrum<N> {
         let mut J = self.model.jacobian(q);
         let is_absent: [bool; N] = std::array::from_fn(|i| J.column(i).amax() == 0.0);
@@ -150,7 +143,6 @@ impl<const N: usize> Kinematics<'_, N> {
     /// The solution that continues `guess`; `drift` is null-space motion wanted on the way.
     ///
     /// Returns the posture and the pose error that is left: at most [`SOLVED`] (or `enough`) where it converged.
-    #[must_use]
     pub fn solve(
         &self,
         X_d: &Pose,
@@ -225,7 +217,6 @@ impl<const N: usize> Kinematics<'_, N> {
     }
 
     /// Largest part of a unit-scaled error at C over what is allowed of it at E.
-    #[must_use]
     pub fn excess(&self, e: &Vector6, R: &Matrix3, allowed: &Deviation) -> f64 {
         let at_E = linear(e) * self.length_m - angular(e).cross(&(R * self.p_EC));
         (at_E.norm() / allowed.position_m).max(angular(e).norm() / allowed.orientation_rad)

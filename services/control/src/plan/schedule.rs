@@ -186,19 +186,16 @@ impl<const N: usize> PathPlan<N> {
     }
 
     /// How long the route takes at full speed, s.
-    #[must_use]
     pub fn duration_s(&self) -> f64 {
         self.duration_s
     }
 
     /// How many legs are planned.
-    #[must_use]
     pub fn legs(&self) -> usize {
         self.ends.len()
     }
 
     /// Whether the plan ends before a leg whose goal is beyond reach.
-    #[must_use]
     pub fn is_short(&self) -> bool {
         self.is_short
     }
@@ -364,14 +361,12 @@ impl<const N: usize> PathPlan<N> {
     }
 
     /// Time on the path's clock at `u` of the route's, s: that of [`at`](Self::at).
-    #[must_use]
     pub fn path_time(&self, u: f64) -> f64 {
         self.about(u)
             .map_or_else(|| self.time_beyond(u), |(a, b, x)| time_between(a, b, x))
     }
 
     /// Fastest that the route's clock may run anywhere between two of its times.
-    #[must_use]
     pub fn speed(&self, from: f64, to: f64) -> f64 {
         let at = |u: f64| {
             self.about(u)
@@ -390,7 +385,6 @@ impl<const N: usize> PathPlan<N> {
     }
 
     /// The route at `u` of its clock; beyond its end the last posture, at rest.
-    #[must_use]
     pub fn at(&self, u: f64) -> Sample<N> {
         let Some((a, b, x)) = self.about(u) else {
             let q = self.points.last().map_or_else(Joints::zeros, |last| last.q);

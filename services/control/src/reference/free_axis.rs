@@ -9,7 +9,6 @@ use crate::linear::{
 };
 
 /// The one base axis about which the task does not serve rotation; `None` where it serves all three, or fewer than two.
-#[must_use]
 pub fn free_axis(task: &[bool; 6]) -> Option<Vector3> {
     let mut free = (0..3).filter(|k| !task[3 + k]);
     let (first, second) = (free.next()?, free.next());
@@ -17,7 +16,6 @@ pub fn free_axis(task: &[bool; 6]) -> Option<Vector3> {
 }
 
 /// The rotation vector from `R` to `R_d`; without the share about `free` where there is one. Units rad.
-#[must_use]
 pub(crate) fn rotation_error(R_d: &Matrix3, R: &Matrix3, free: Option<&Vector3>) -> Vector3 {
     let E = R_d * R.transpose();
     match free {

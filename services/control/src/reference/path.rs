@@ -157,7 +157,6 @@ pub struct Leg {
 
 impl Leg {
     /// Whether its goal depends on a singular direction at the moment when it begins.
-    #[must_use]
     pub fn is_relative(&self) -> bool {
         self.reorient.is_some()
             || matches!(self.translation, Translation::Along(Direction::Zeta(_), _))
@@ -165,13 +164,11 @@ impl Leg {
     }
 
     /// Whether the leg follows a curve.
-    #[must_use]
     pub fn is_curved(&self) -> bool {
         self.curve.is_some()
     }
 
     /// Largest rate of its time law over the mean.
-    #[must_use]
     pub fn peak(&self) -> f64 {
         match self.law {
             Law::Rest | Law::ThereAndBack => 1.875,
@@ -206,7 +203,6 @@ pub struct Progress {
 
 impl Progress {
     /// At the beginning, at rest in `X_BE`.
-    #[must_use]
     pub fn at(X_BE: Pose) -> Self {
         Self {
             start: X_BE,
@@ -236,7 +232,6 @@ pub struct Ahead<'a> {
 
 impl Ahead<'_> {
     /// The pose of the point at `share` of what is left, 0 to 1.
-    #[must_use]
     pub fn pose(&self, share: f64) -> Pose {
         let x = self.from + share * (self.to - self.from);
         let way = |curve: &Curve| curve.at(x).pose;
@@ -354,14 +349,12 @@ impl Path {
     }
 
     /// Whether the present leg, which has begun, leaves the hand where it is.
-    #[must_use]
     pub fn is_still(&self, progress: &Progress) -> bool {
         let is_curved = self.legs.get(progress.leg).is_some_and(Leg::is_curved);
         !is_curved && progress.by == Vector3::zeros() && progress.turn == Vector3::zeros()
     }
 
     /// Length of a curve at this index, m, and its turn, rad; zero for any other leg.
-    #[must_use]
     pub fn extent(&self, index: usize) -> (f64, f64) {
         let curve = self.legs.get(index).and_then(|leg| self.curve(leg));
         let mut before: Option<Pose> = None;
@@ -375,19 +368,16 @@ impl Path {
     }
 
     /// All of its legs.
-    #[must_use]
     pub fn legs(&self) -> &[Leg] {
         &self.legs
     }
 
     /// The leg at this index, while the path lasts.
-    #[must_use]
     pub fn leg(&self, index: usize) -> Option<&Leg> {
         self.legs.get(index)
     }
 
     /// The time that all legs take by the path's clock, s.
-    #[must_use]
     pub fn duration_s(&self) -> f64 {
         self.legs.iter().map(|leg| leg.duration_s).sum()
     }
@@ -432,7 +422,6 @@ impl Path {
     }
 
     /// Fraction of the present leg's way, its rate and acceleration, per unit of the path's clock.
-    #[must_use]
     pub fn fraction(&self, progress: &Progress) -> [f64; 3] {
         let Some(leg) = self.legs.get(progress.leg) else {
             return [0.0; 3];
@@ -451,7 +440,6 @@ impl Path {
     }
 
     /// Fraction of the present leg's time law from 0 to 1, whatever the shape of its way: for what goes along with it.
-    #[must_use]
     pub fn ramp(&self, progress: &Progress) -> f64 {
         self.legs
             .get(progress.leg)
@@ -459,7 +447,6 @@ impl Path {
     }
 
     /// The rest of the present leg, for a point fixed at `p_E` in the end-effector.
-    #[must_use]
     pub fn ahead(&self, progress: &Progress, p_E: Vector3) -> Ahead<'_> {
         let [x, v, _] = self.fraction(progress);
         let leg = self.legs.get(progress.leg);
@@ -473,13 +460,11 @@ impl Path {
     }
 
     /// Desired motion of E, where the clock runs at `rate` and changes at `rate_dot` (1/s).
-    #[must_use]
     pub fn desired(&self, progress: &Progress, rate: f64, rate_dot: f64) -> PoseMotion {
         self.place(progress).moving(rate, rate_dot)
     }
 
     /// The place on the path where the clock is.
-    #[must_use]
     #[inline]
     pub fn place(&self, progress: &Progress) -> Place {
         let fraction = self.fraction(progress);
@@ -515,7 +500,6 @@ pub struct Place {
 
 impl Place {
     /// Desired motion of E here, where the clock runs at `rate` and changes at `rate_dot` (1/s).
-    #[must_use]
     #[inline]
     pub fn moving(&self, rate: f64, rate_dot: f64) -> PoseMotion {
         let [_, v, a] = self.fraction;
@@ -537,7 +521,6 @@ fn between(from: &Pose, to: &Pose) -> (Vector3, Vector3) {
 }
 
 /// Quintic time law: position, velocity, acceleration of x(t) = 10τ³ − 15τ⁴ + 6τ⁵, τ = t/T; at rest at both ends.
-#[must_use]
 pub fn quintic(t: f64, T: f64) -> [f64; 3] {
     let x = (t / T).clamp(0.0, 1.0);
     [

@@ -29,7 +29,6 @@ pub struct Analyzer<const N: usize> {
 
 impl<const N: usize> Analyzer<N> {
     /// An analyzer for `robot` with the scenario's thresholds.
-    #[must_use]
     pub fn new(robot: &Robot, analysis: &Analysis) -> Self {
         Self {
             family: Family::of(robot, analysis),
@@ -48,7 +47,6 @@ impl<const N: usize> Analyzer<N> {
     }
 
     /// The family of its arm.
-    #[must_use]
     pub fn family(&self) -> &Family<N> {
         &self.family
     }

@@ -96,7 +96,6 @@ pub struct Family<const N: usize> {
 
 impl<const N: usize> Family<N> {
     /// The singularities of `robot`: by its geometry, else by number, as with `analysis.numeric`.
-    #[must_use]
     pub fn of(robot: &Robot, analysis: &Analysis) -> Self {
         let nothing = Self {
             form: Form::None,
@@ -187,7 +186,6 @@ impl<const N: usize> Family<N> {
     }
 
     /// The point C of the end-effector link at which singularities are analysed. Shape 3; m; frame B.
-    #[must_use]
     pub fn centre(&self, terms: &Terms<N>) -> Vector3 {
         self.offset.map_or(terms.X_BE.p, |offset| {
             terms.p[N - 1] + terms.z[N - 1] * offset
@@ -215,7 +213,6 @@ impl<const N: usize> Family<N> {
     }
 
     /// The coordinate of a Type 1 singularity as the desired pose needs it; `None`: ζ is held. Called for Type 1 only.
-    #[must_use]
     pub fn fold(&self, s: &Singularity<N>, at: &Situation<'_, N>) -> Option<Fold> {
         match &self.form {
             Form::Elbow(S) if s.kind == Kind::Elbow => {
@@ -228,7 +225,6 @@ impl<const N: usize> Family<N> {
     }
 
     /// The direction of ζ that the desired motion needs; `None`: ζ is held. Called for Type 2 and mixed only.
-    #[must_use]
     pub fn direction(
         &self,
         s: &Singularity<N>,
@@ -243,20 +239,17 @@ impl<const N: usize> Family<N> {
     }
 
     /// Whether no formula gives any of them.
-    #[must_use]
     pub fn is_tracked(&self) -> bool {
         matches!(self.form, Form::None) && self.tracker.is_some()
     }
 
     /// Whether the measures are vectors: with spare joints, where singularities have codimension two or more.
-    #[must_use]
     pub fn measures_vectors(&self) -> bool {
         (self.tracker.as_ref()).is_some_and(Tracker::measures_vectors)
     }
 
     /// The first place of the report from which on the singularities have codimension two or more: a self-motion leads around them, and the null
     /// space is driven away from them.
-    #[must_use]
     pub fn first_of_higher_codimension(&self) -> Option<usize> {
         let tracker = self.tracker.as_ref().filter(|one| one.measures_vectors());
         tracker.map(|_| usize::from(matches!(self.form, Form::Elbow(_))))

@@ -48,7 +48,6 @@ impl<const N: usize> Screws<N> {
     /// Q with Q_jk = a·∂J_j/∂q_k, in closed form.
     ///
     /// ∂J_j/∂q_k = [ω_k×v_j; ω_k×ω_j] for k ≤ j, [ω_j×v_k; 0] for k > j. Shape N×N; `a` a covector [linear; angular] at C.
-    #[must_use]
     pub fn hessian(&self, a: &Vector6) -> SMatrix<f64, N, N> {
         let (force, torque) = (linear(a), angular(a));
         let mut axes = [Vector3::zeros(); N];
@@ -70,7 +69,6 @@ impl<const N: usize> Screws<N> {
     }
 
     /// J̇ along the joint motion `qdot`.
-    #[must_use]
     pub fn rate(&self, qdot: &Joints<N>) -> Jacobian<N> {
         let mut out = Jacobian::<N>::zeros();
         let mut beyond = Vector3::zeros();

@@ -22,7 +22,6 @@ const EXACT: f64 = 1e-11;
 ///
 /// Shape N · Units rad · Requires `s` of the posture `q` · Errors `None` where the null motion does not turn ζ, or leads to a regular posture · Cost
 /// about 0.1 ms, once a turn; no allocation
-#[must_use]
 pub fn turning<const N: usize>(
     family: &Family<N>,
     model: &Model<N>,

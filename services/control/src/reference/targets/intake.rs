@@ -97,7 +97,6 @@ pub struct Wish {
 
 impl Wish {
     /// Nothing, in the pose `X`.
-    #[must_use]
     pub fn rest(X: &Pose) -> Self {
         Self {
             p: X.p,
@@ -110,7 +109,6 @@ impl Wish {
 ///
 /// Frames: `X` is the reference's pose in B; the singular frame is that of the singularity nearest to its neighbourhood. Requires a target that
 /// [`check`] accepts.
-#[must_use]
 pub fn wish<const N: usize>(
     target: &TargetContent,
     age_s: f64,
@@ -158,7 +156,6 @@ pub fn wish<const N: usize>(
 }
 
 /// The place of the singularity nearest to its neighbourhood, and |s|/η_out there.
-#[must_use]
 pub fn nearest<const N: usize>(report: &Report<N>) -> Option<(usize, f64)> {
     let openness = report
         .listed()

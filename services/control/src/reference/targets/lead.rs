@@ -28,7 +28,6 @@ pub struct Lead {
 
 impl Lead {
     /// Between the reference and the arm, whose singularities are those of `report`, in the directions that the `task` serves.
-    #[must_use]
     pub fn between<const N: usize>(
         reference: &Pose,
         arm: &Pose,

@@ -100,7 +100,6 @@ pub struct TargetState<const N: usize> {
 
 /// A scenario with the session's duration in place of the text of its targets, which another process publishes, and without the rows of its tables,
 /// which the path has.
-#[must_use]
 pub fn without_text(scenario: &Scenario) -> Scenario {
     let mut scenario = scenario.clone();
     if let Some(session) = &mut scenario.servo {
@@ -117,7 +116,6 @@ pub fn without_text(scenario: &Scenario) -> Scenario {
 
 impl<const N: usize> TargetState<N> {
     /// At rest in a posture whose pose is `X`.
-    #[must_use]
     pub fn at(X: Pose, q: Joints<N>, sent: Sent<N>) -> Self {
         Self {
             held: TargetContent::default(),
@@ -145,13 +143,11 @@ impl<const N: usize> TargetState<N> {
     }
 
     /// Whether the target in force is a posture.
-    #[must_use]
     pub fn is_posture(&self) -> bool {
         self.held.kind == TARGET_POSTURE
     }
 
     /// Whether the reference arm moves joint by joint at this tick, and the law has no part in it.
-    #[must_use]
     pub fn goes_by_joints(&self) -> bool {
         !self.stops.now && (self.resting || self.is_posture())
     }
@@ -171,7 +167,6 @@ impl<const N: usize> TargetState<N> {
     }
 
     /// The side in which a fold is to be left: −1, +1, or 0 to keep.
-    #[must_use]
     pub fn branch(&self) -> i32 {
         i32::from(self.held.side == SIDE_POSITIVE) - i32::from(self.held.side == SIDE_NEGATIVE)
     }
@@ -227,7 +222,6 @@ impl<const N: usize> TargetState<N> {
     }
 
     /// Writes all of it; the analysis is the controller's.
-    #[must_use]
     pub fn checkpoint(&self) -> ServoCheckpoint {
         let plus_one = |tick: Option<u64>| tick.map_or(0, |tick| tick.saturating_add(1));
         ServoCheckpoint {
@@ -264,7 +258,6 @@ impl<const N: usize> TargetState<N> {
     }
 
     /// The state that [`checkpoint`](Self::checkpoint) has written, its torque within the arm's `limits`, N·m.
-    #[must_use]
     pub fn restored(from: &ServoCheckpoint, limits: &Joints<N>) -> Self {
         Self {
             held: from.held,
