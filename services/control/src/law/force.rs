@@ -102,16 +102,13 @@ struct Wanted {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Press<'a> {
     /// On which terms.
-    terms: &'a Force,
+    wanted: &'a Wanted,
     /// Set-point, N.
     pub(crate) newtons: f64,
     /// Direction, base axes.
     pub(crate) e: Vector3,
-    /// Axes of the moments, base axes, zero beyond their number, and the set-points, N·m.
+    /// Axes of the moments, base axes, zero beyond their number.
     about: [Vector3; MOMENTS],
-    newton_metres: [f64; MOMENTS],
-    /// Radius of the hand's face, m; zero: it touches with a point.
-    face_m: f64,
 }
 
 /// How far a segment's force is.
@@ -227,7 +224,7 @@ impl Tuning {
             stiffness_n_m,
             approach_m_s,
             ..
-        } = press.terms;
+        } = press.wanted.force;
         let gentle = std::f64::consts::E * self.omega * press.newtons / stiffness_n_m;
         approach_m_s.min(gentle)
     }
@@ -249,12 +246,10 @@ impl Wanted {
             false => axis.into(),
         };
         (newtons > 0.0).then(|| Press {
-            terms: &self.force,
+            wanted: self,
             newtons,
             e: turned(direction),
             about: self.moments.map(|(axis, _)| turned(axis)),
-            newton_metres: self.moments.map(|(_, newton_metres)| newton_metres),
-            face_m: self.face_m,
         })
     }
 }
@@ -381,9 +376,10 @@ impl Forces {
     ) -> bool {
         self.of_target(target, &terms.X_BE.R).is_some_and(|press| {
             let row = pressing_row(terms, &press.e);
-            let is_held = |(_, most)| (Force::LEAST_N..=most).contains(&press.newtons);
-            strongest(terms, effort, &row).is_some_and(is_held)
-                && stiffest(terms, &row, dt).is_some_and(|most| press.terms.stiffness_n_m <= most)
+            let (_, most) = strongest(terms, effort, &row);
+            let stiffness_n_m = press.wanted.force.stiffness_n_m;
+            (Force::LEAST_N..=most).contains(&press.newtons)
+                && stiffest(terms, &row, dt).is_some_and(|most| stiffness_n_m <= most)
         })
     }
 
@@ -405,7 +401,7 @@ impl Forces {
         }
         (0..self.0.len()).find_map(|leg| {
             let press = self.at(leg, &terms.X_BE.R)?;
-            let (force, e) = (press.terms, press.e);
+            let (force, e) = (&press.wanted.force, press.e);
             let is_unserved = |axis: &Vector3, first: usize| {
                 (0..3).any(|i| !task[first + i] && axis[i].abs() > UNSERVED)
             };
@@ -418,7 +414,7 @@ impl Forces {
             let twists = press.about.iter().zip(&force.moments);
             for (about, moment) in twists {
                 let row = terms.J.fixed_rows::<3>(3).tr_mul(about);
-                let (joint, most) = strongest(terms, effort, &(row * moment.newton_metres.signum()))?;
+                let (joint, most) = strongest(terms, effort, &(row * moment.newton_metres.signum()));
                 let stiffest = stiffest(terms, &row, dt)?;
                 let why = if is_unserved(about, 3) {
                     "the arm's task does not serve all of that axis: take another one".to_owned()
@@ -440,7 +436,7 @@ impl Forces {
                 ));
             }
             let row = pressing_row(terms, &e);
-            let (joint, most) = strongest(terms, effort, &row)?;
+            let (joint, most) = strongest(terms, effort, &row);
             let stiffest = stiffest(terms, &row, dt)?;
             if force.stiffness_n_m > stiffest {
                 return Some(format!(
@@ -489,12 +485,13 @@ impl Press<'_> {
 
     /// The moments that are off their set-points, about each axis, under the wrench `F` on the hand; N·m.
     pub(crate) fn off_nm(&self, F: &Vector6) -> [f64; MOMENTS] {
-        array::from_fn(|i| -self.about[i].dot(&angular(F)) - self.newton_metres[i])
+        array::from_fn(|i| -self.about[i].dot(&angular(F)) - self.wanted.moments[i].1)
     }
 
     /// Stiffness of a surface against a turn of the face that lies on it, k·r²/2; N·m/rad.
     fn turning_stiffness(&self) -> f64 {
-        0.5 * self.terms.stiffness_n_m * self.face_m * self.face_m
+        let Wanted { force, face_m, .. } = self.wanted;
+        0.5 * force.stiffness_n_m * face_m * face_m
     }
 
     /// The directions of the force and of the moments, as twists; zero beyond their number.
@@ -505,12 +502,12 @@ impl Press<'_> {
 
     /// Time in which the set-point rises, s.
     pub(crate) fn ramp_s(&self) -> f64 {
-        self.terms.ramp_s
+        self.wanted.force.ramp_s
     }
 
     /// Whether a moment is asked for.
     pub(crate) fn twists(&self) -> bool {
-        !self.terms.moments.is_empty()
+        !self.wanted.force.moments.is_empty()
     }
 }
 
@@ -519,13 +516,14 @@ fn strongest<const N: usize>(
     terms: &Terms<N>,
     effort: &Joints<N>,
     row: &Joints<N>,
-) -> Option<(usize, f64)> {
+) -> (usize, f64) {
     let most = |i: usize| {
         let room = effort[i] - terms.gravity[i] * row[i].signum();
         room / row[i].abs().max(1e-9)
     };
     let joints = (0..N).map(|i| (i, most(i)));
-    joints.min_by(|a, b| a.1.total_cmp(&b.1))
+    let least = joints.min_by(|a, b| a.1.total_cmp(&b.1));
+    least.unwrap_or((0, f64::INFINITY))
 }
 
 /// The stiffest surface on which the arm stays along `row` with ticks of `dt` s, N/m or N·m/rad; `None` of a mass matrix that has no inverse.
@@ -666,6 +664,10 @@ impl Pressing {
         self.leg != 0 && matches!(self.stage, Stage::Seeking | Stage::Rising)
     }
 
+    fn is_touching(&self) -> bool {
+        matches!(self.stage, Stage::Rising | Stage::Moving)
+    }
+
     /// The speed along e that the force asks for, that of the surface included; m/s.
     fn step(
         &mut self,
@@ -680,10 +682,10 @@ impl Pressing {
             self.begin(leg, is_same_axis, felt);
         }
         self.e = press.e;
-        let (force, newtons) = (press.terms, press.newtons);
+        let (force, newtons) = (&press.wanted.force, press.newtons);
         self.felt_n += (felt.force_n - self.felt_n) * dt / (tuning.felt_s + dt);
         self.change(press, felt, dt);
-        let is_touching = matches!(self.stage, Stage::Rising | Stage::Moving);
+        let is_touching = self.is_touching();
         if self.stage != Stage::Moving {
             self.waited_s += dt;
         }
@@ -723,7 +725,7 @@ impl Pressing {
         tuning: &Tuning,
         dt: f64,
     ) -> (Vector3, Vector3) {
-        let is_touching = matches!(self.stage, Stage::Rising | Stage::Moving);
+        let is_touching = self.is_touching();
         self.turns = press.twists() && (self.turns || is_touching);
         if !self.turns {
             return Default::default();
@@ -734,11 +736,11 @@ impl Pressing {
         let alpha = (0..MOMENTS).map(|i| {
             let about = press.about[i];
             let axis = Along {
-                set: press.newton_metres[i] * share * about.norm(),
+                set: press.wanted.moments[i].1 * share * about.norm(),
                 felt: -about.dot(&angular(wrist)),
                 speed: about.dot(&omega),
                 stiffness: press.turning_stiffness(),
-                fastest: TURNING * tuning.approach(press) / press.face_m,
+                fastest: TURNING * tuning.approach(press) / press.wanted.face_m,
             };
             largest_nm = largest_nm.max((axis.set - axis.felt).abs());
             let speed = match is_touching {
@@ -749,7 +751,7 @@ impl Pressing {
             about * tuning.acceleration(speed, axis.speed)
         });
         let alpha = alpha.sum();
-        self.is_off = largest_nm > REACHED.0 * press.newtons * press.face_m;
+        self.is_off = largest_nm > REACHED.0 * press.newtons * press.wanted.face_m;
         (alpha, press.turn(&omega))
     }
 
@@ -786,7 +788,7 @@ impl Pressing {
 
     /// The stage after this tick.
     fn change(&mut self, press: &Press<'_>, felt: &Felt, dt: f64) {
-        let (force, newtons) = (press.terms, press.newtons);
+        let (force, newtons) = (&press.wanted.force, press.newtons);
         let touch = (TOUCH.0 * newtons).max(TOUCH.1).min(0.5 * newtons);
         let is_reached = match force.until_newtons {
             Some(until) => self.felt_n >= until,
@@ -868,31 +870,19 @@ mod tests {
     use super::*;
     use crate::testing::standing;
 
-    fn force() -> Force {
-        let text = "name=\"t\"\nrobot=\"puma560\"\nstart.posture=\"ready\"\n[[segment]]\nduration_s=1.0\nforce={axis=\"-z\", newtons=10.0}\n";
-        let scenario = Scenario::parse("t.toml", text, &[]).unwrap();
-        Forces::of(&scenario).0[0].clone().unwrap().force
-    }
-
-    fn press(terms: &Force) -> Press<'_> {
-        Press {
-            terms,
-            newtons: terms.newtons,
-            e: -Vector3::z(),
-            about: [Vector3::zeros(); MOMENTS],
-            newton_metres: [0.0; MOMENTS],
-            face_m: 0.0,
-        }
+    fn forces(stiffness_n_m: f64) -> Forces {
+        let text = format!(
+            "name=\"t\"\nrobot=\"puma560\"\nstart.posture=\"ready\"\n[[segment]]\nduration_s=1.0\nforce={{axis=\"-z\", newtons=10.0, stiffness_n_m={stiffness_n_m:?}}}\n"
+        );
+        Forces::of(&Scenario::parse("t.toml", &text, &[]).unwrap())
     }
 
     /// A mass on a spring, soft to very stiff: it is met slowly, and the force comes about without a peak beyond twice its set-point.
     #[test]
     fn a_contact_is_met_slowly_and_its_force_is_reached() {
         for (spring, dt) in [(2e4, 1e-3), (3e5, 1e-3), (1e6, 1e-3), (2e4, 1e-2)] {
-            let force = Force {
-                stiffness_n_m: spring,
-                ..force()
-            };
+            let forces = forces(spring);
+            let press = forces.at(0, &Matrix3::identity()).unwrap();
             let (mut pressing, mut x, mut v, mut peak) =
                 (Pressing::default(), -0.005_f64, 0.0, 0.0_f64);
             for _ in 0..(10.0 / dt) as u32 {
@@ -903,9 +893,7 @@ mod tests {
                 };
                 peak = peak.max(felt.force_n);
                 let tuning = Tuning::of(true, dt);
-                let wanted = pressing
-                    .step(&press(&force), 0, &felt, &tuning, dt)
-                    .unwrap();
+                let wanted = pressing.step(&press, 0, &felt, &tuning, dt).unwrap();
                 v += tuning.acceleration(wanted, v) * dt;
                 x += v * dt;
                 assert!(v <= 0.0201, "{v}");
@@ -946,7 +934,8 @@ mod tests {
 
     #[test]
     fn a_direction_in_which_nothing_is_met_is_refused() {
-        let (force, mut pressing, mut ticks) = (force(), Pressing::default(), 0);
+        let (forces, mut pressing, mut ticks) = (forces(2e4), Pressing::default(), 0);
+        let press = forces.at(0, &Matrix3::identity()).unwrap();
         let refusal = loop {
             let felt = Felt {
                 force_n: 0.0,
@@ -954,7 +943,7 @@ mod tests {
                 place_m: 2e-5 * f64::from(ticks),
             };
             ticks += 1;
-            match pressing.step(&press(&force), 0, &felt, &BY_SENSOR, 1e-3) {
+            match pressing.step(&press, 0, &felt, &BY_SENSOR, 1e-3) {
                 Ok(_) => assert!(ticks < 3000),
                 other => break other,
             }
