@@ -174,7 +174,7 @@ pub fn null_torque<const N: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::linear::{Matrix3, Vector3, Vector6, unit};
+    use crate::linear::{Jacobian, Matrix3, Vector3, Vector6, unit};
     use crate::testing::{posture, puma, three_r};
     use nalgebra::Matrix6;
     use proptest::prelude::*;

@@ -1,7 +1,7 @@
 //! The check of a target, and the twist that it asks for.
 
 use crate::linear::{
-    Matrix3, Vector3, Vector6, angular, linear, rotation_exp, rotation_log, stack,
+    Matrix3, Vector3, Vector6, angular, linear, rotation_exp, rotation_log, rotation_of, stack,
 };
 use crate::types::Report;
 use model::Pose;
