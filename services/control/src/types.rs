@@ -189,6 +189,11 @@ impl<const N: usize> Singularity<N> {
         }
     }
 
+    /// Velocity along ζ per rate of the coordinate, whatever direction that has; m or 1.
+    pub(crate) fn slope(&self) -> f64 {
+        self.gain * (1.0 - self.askew)
+    }
+
     /// Its neighbourhood.
     #[inline]
     pub fn neighborhood(&self) -> Neighborhood {

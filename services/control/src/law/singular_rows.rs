@@ -11,7 +11,6 @@ use crate::paper::type_2;
 use crate::reference::guide::{Guide, WAIT};
 use crate::reference::turn;
 use crate::singularity::family::Situation;
-use crate::singularity::reference::{roomier, slope as along_zeta};
 use crate::state::State;
 use crate::tick::{Motion, Now};
 use crate::types::{Class, Mode, Refusal, Report, Singularity};
@@ -93,6 +92,7 @@ pub(crate) fn engaged<const N: usize>(
             slew: setup.slew(i, s),
         };
         let situation = Situation {
+            s,
             q: now.q,
             qdot_planned: &planned,
             terms: now.terms,
@@ -106,7 +106,7 @@ pub(crate) fn engaged<const N: usize>(
             governed: control.governor,
             clips: motion.clips,
         };
-        let target = target(setup, state, i, s, &situation, (now, motion))?;
+        let target = target(setup, state, i, &situation, (now, motion))?;
         opening += fold.per_aux * target.error;
         let one = &mut state.loops[i];
         let is_hard = control.strategy == Strategy::ChangKhatib;
@@ -198,10 +198,10 @@ fn target<const N: usize>(
     setup: &Setup<N>,
     state: &mut State<N>,
     place: usize,
-    s: &Singularity<N>,
     situation: &Situation<'_, N>,
     (now, motion): (&Now<'_, N>, &Motion<N>),
 ) -> Result<Target, Refusal> {
+    let s = situation.s;
     let branch = motion.leg.map_or(0, |leg| leg.branch) + state.targets.branch();
     let mut target = match &motion.planned {
         Some(planned) => {
@@ -215,7 +215,7 @@ fn target<const N: usize>(
                 false => pressed(setup, state, place, s, target, (now, motion)),
             }
         }
-        None => by_type(setup, state, place, s, situation, branch),
+        None => by_type(setup, state, place, situation, branch),
     };
     // A planned leg lies within reach: what the formula of a fold misses there is tracking error.
     target.clipped &= motion.planned.is_none();
@@ -252,7 +252,7 @@ fn pressed<const N: usize>(
     target: Target,
     (now, motion): (&Now<'_, N>, &Motion<N>),
 ) -> Target {
-    let slope_at = |error: f64| along_zeta(s) - s.kappa_1 * error;
+    let slope_at = |error: f64| s.slope() - s.kappa_1 * error;
     let slope = slope_at(target.error);
     let next = (setup.guide).at(state.progress.leg, state.clock.plan_s + SIDE_S);
     let ahead = next.map_or(slope, |plan| slope_at(s.aux_row.dot(&(plan.q - now.q))));
@@ -287,24 +287,24 @@ fn by_type<const N: usize>(
     setup: &Setup<N>,
     state: &mut State<N>,
     place: usize,
-    s: &Singularity<N>,
     at: &Situation<'_, N>,
     branch: i32,
 ) -> Target {
+    let s = at.s;
     let (family, memory) = (&setup.family, &mut state.loops[place].memory);
     if memory.side == 0.0 {
         memory.side = sign(s.across() >= 0.0);
     }
     match s.class {
-        Class::Type1 => family.fold(s, at).map_or_else(type_2::held, |fold| {
+        Class::Type1 => family.fold(at).map_or_else(type_2::held, |fold| {
             let side = memory.side;
             let branch = match branch {
-                0 => roomier(s, at, side),
+                0 => at.roomier(side),
                 branch => branch,
             };
             type_1::target(&fold, s.inside, branch, memory)
         }),
-        Class::Type2 | Class::Mixed => family.direction(s, at, memory).unwrap_or_else(type_2::held),
+        Class::Type2 | Class::Mixed => family.direction(at, memory).unwrap_or_else(type_2::held),
         Class::Unknown => type_2::held(),
     }
 }

@@ -40,9 +40,11 @@ pub struct Posture<'a, const N: usize> {
     pub at: &'a AtCentre<N>,
 }
 
-/// The arm and its desired motion at one tick: all that a reference is computed from.
+/// A singularity, the arm and its desired motion at one tick: all that a reference is computed from.
 #[derive(Clone, Copy, Debug)]
 pub struct Situation<'a, const N: usize> {
+    /// The singularity whose reference it is.
+    pub s: &'a Singularity<N>,
     /// Joint positions, rad.
     pub q: &'a Joints<N>,
     /// Joint velocities that the path needs, by the law's own solution, rad/s: a reference's rate follows from them and not from measured ones, whose
@@ -213,28 +215,23 @@ impl<const N: usize> Family<N> {
     }
 
     /// The coordinate of a Type 1 singularity as the desired pose needs it; `None`: ζ is held. Called for Type 1 only.
-    pub fn fold(&self, s: &Singularity<N>, at: &Situation<'_, N>) -> Option<Fold> {
+    pub fn fold(&self, at: &Situation<'_, N>) -> Option<Fold> {
         match &self.form {
-            Form::Elbow(S) if s.kind == Kind::Elbow => {
+            Form::Elbow(S) if at.s.kind == Kind::Elbow => {
                 let cosine = BetweenCentres::new(S, at.terms, &at.at.p).cosine(S, at.desired);
-                Some(elbow::fold(s.aux, cosine))
+                Some(elbow::fold(at.s.aux, cosine))
             }
-            Form::Factors(_) => reference::fold(s, at, reference::GEOMETRY_DAMPING),
-            _ => reference::fold(s, at, reference::FOLD_DAMPING),
+            Form::Factors(_) => at.fold(reference::GEOMETRY_DAMPING),
+            _ => at.fold(reference::FOLD_DAMPING),
         }
     }
 
     /// The direction of ζ that the desired motion needs; `None`: ζ is held. Called for Type 2 and mixed only.
-    pub fn direction(
-        &self,
-        s: &Singularity<N>,
-        at: &Situation<'_, N>,
-        memory: &mut Memory,
-    ) -> Option<Target> {
+    pub fn direction(&self, at: &Situation<'_, N>, memory: &mut Memory) -> Option<Target> {
         if self.measures_vectors() {
-            reference::direction(s, at, self.length_m, memory)
+            at.direction(self.length_m, memory)
         } else {
-            reference::signed(s, at, self.length_m, memory)
+            at.signed(self.length_m, memory)
         }
     }
 
