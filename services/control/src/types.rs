@@ -194,13 +194,13 @@ impl<const N: usize> Singularity<N> {
         self.gain * (1.0 - self.askew)
     }
 
-    /// Its neighbourhood.
+    /// Weight of operational control along ζ_i in its neighbourhood, were its measure `s`.
     #[inline]
-    pub fn neighborhood(&self) -> Neighborhood {
-        Neighborhood {
-            eta_in: self.eta_in,
-            eta_out: self.eta_out,
-        }
+    pub(crate) fn openness(&self, s: f64) -> f64 {
+        let Self {
+            eta_in, eta_out, ..
+        } = *self;
+        Neighborhood { eta_in, eta_out }.openness(s)
     }
 
     /// Nothing: what unused places of a report hold.

@@ -193,7 +193,7 @@ impl Loop {
         let beta = if is_hard {
             0.0
         } else {
-            s.neighborhood().openness(s.s) * self.trust
+            s.openness(s.s) * self.trust
         };
         Demand {
             beta,

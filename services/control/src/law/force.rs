@@ -594,7 +594,7 @@ pub(crate) fn step<const N: usize>(
 fn serve<const N: usize>(now: &Now<'_, N>, a: &Vector6, e: &Vector3, along: f64) -> (Vector6, f64) {
     let left = now.report.listed().iter().fold(*e, |left, s| {
         let axis = linear(&s.zeta_B);
-        let lost = 1.0 - s.neighborhood().openness(s.s);
+        let lost = 1.0 - s.openness(s.s);
         left - axis * (axis.dot(&left) * lost)
     });
     if left == *e {
@@ -615,7 +615,7 @@ fn serve<const N: usize>(now: &Now<'_, N>, a: &Vector6, e: &Vector3, along: f64)
 fn left<const N: usize>(now: &Now<'_, N>, axis: &Vector3) -> f64 {
     now.report.listed().iter().fold(1.0, |left, s| {
         let along = angular(&s.zeta_B).dot(axis);
-        left - left * along * along * (1.0 - s.neighborhood().openness(s.s))
+        left - left * along * along * (1.0 - s.openness(s.s))
     })
 }
 

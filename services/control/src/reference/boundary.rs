@@ -58,7 +58,7 @@ impl Boundary {
         s: &Singularity<N>,
         error: &Vector6,
     ) -> Option<Self> {
-        let beyond_m = s.zeta_B.dot(error) * (1.0 - s.neighborhood().openness(s.s));
+        let beyond_m = s.zeta_B.dot(error) * (1.0 - s.openness(s.s));
         if beyond_m == 0.0 {
             return None;
         }

@@ -136,7 +136,7 @@ fn about_E<const N: usize>(at_C: [Vector6; 2], now: &Now<'_, N>) -> [Vector6; 2]
         // At least a half for every r below 1 m.
         let pairing = zeta.dot(&t).max(0.5);
         let across = (t - zeta * zeta.dot(&t)) / pairing;
-        let lost = 1.0 - s.neighborhood().openness(s.s / DEEP);
+        let lost = 1.0 - s.openness(s.s / DEEP);
         for (out, error) in out.iter_mut().zip(&at_C) {
             *out -= across * (lost * zeta.dot(error));
         }
@@ -148,7 +148,7 @@ fn about_E<const N: usize>(at_C: [Vector6; 2], now: &Now<'_, N>) -> [Vector6; 2]
 pub(crate) fn along_lost<const N: usize>(error: &Vector6, report: &Report<N>) -> Vector6 {
     let mut across = *error;
     for s in report.listed() {
-        let openness = s.neighborhood().openness(s.s);
+        let openness = s.openness(s.s);
         across -= s.zeta_B * (s.zeta_B.dot(&across) * (1.0 - openness));
     }
     error - across

@@ -44,7 +44,7 @@ impl Lead {
                 continue;
             }
             across -= axis * (axis.dot(&across) / axis.norm_squared());
-            let closed = 1.0 - s.neighborhood().openness(s.s);
+            let closed = 1.0 - s.openness(s.s);
             length = length.max(ACROSS_M + (ALONG_M - ACROSS_M) * closed);
         }
         let parts = [(across, ACROSS_M), (error - across, length), (turn, ANGLE)];
