@@ -1,28 +1,26 @@
 //! Kinematics carried from the end-effector frame E to another point of the same link: the wrist centre C.
 
-use crate::linear::{angular, displaced, linear, stack};
+use crate::linear::{Jacobian, Matrix3, Vector3, Vector6, angular, displaced, linear, stack};
 use model::{Pose, Terms};
-use nalgebra::{Matrix3, SMatrix, Vector3, Vector6};
 
 /// Jacobian and its rate at a point C fixed to the link that carries E; base axes.
 #[derive(Clone, Copy, Debug)]
 pub struct AtCentre<const N: usize> {
     /// Position of C in B, m.
-    pub p: Vector3<f64>,
+    pub p: Vector3,
     /// 6×N, rows [v; ω] of C.
-    pub J: SMatrix<f64, 6, N>,
+    pub J: Jacobian<N>,
     /// Acceleration [v̇; ω̇] of C at q̈ = 0.
-    pub Jdot_qdot: Vector6<f64>,
+    pub Jdot_qdot: Vector6,
 }
 
 impl<const N: usize> AtCentre<N> {
     /// v_C = v_E + ω×r, v̇_C = v̇_E + ω̇×r + ω×(ω×r), with r = p_C − p_E.
     ///
-    /// Requires C fixed to E's link and `omega` that link's angular velocity.
-    #[must_use]
+    /// Requires C fixed to E's link, the last one.
     #[inline]
-    pub fn new(terms: &Terms<N>, p_BC: &Vector3<f64>, omega: &Vector3<f64>) -> Self {
-        let r = p_BC - terms.X_BE.p;
+    pub fn new(terms: &Terms<N>, p_BC: &Vector3) -> Self {
+        let (r, omega) = (p_BC - terms.X_BE.p, &terms.omega[N - 1]);
         let (mut J, mut Jdot_qdot) = (terms.J, terms.Jdot_qdot);
         if r != Vector3::zeros() {
             J = displaced(J, &r);
@@ -42,18 +40,17 @@ impl<const N: usize> AtCentre<N> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PoseMotion {
     /// Rotation.
-    pub R: Matrix3<f64>,
+    pub R: Matrix3,
     /// Position, m.
-    pub p: Vector3<f64>,
+    pub p: Vector3,
     /// Twist [v; ω].
-    pub V: Vector6<f64>,
+    pub V: Vector6,
     /// Acceleration [v̇; ω̇].
-    pub a: Vector6<f64>,
+    pub a: Vector6,
 }
 
 impl PoseMotion {
     /// Its pose.
-    #[must_use]
     #[inline]
     pub fn pose(&self) -> Pose {
         let (R, p) = (self.R, self.p);
@@ -61,7 +58,6 @@ impl PoseMotion {
     }
 
     /// At rest in `X`.
-    #[must_use]
     pub fn rest(X: &Pose) -> Self {
         Self {
             R: X.R,
@@ -72,9 +68,8 @@ impl PoseMotion {
     }
 
     /// The same motion of the body, seen at the point `p_E` (coordinates in the body's own axes).
-    #[must_use]
     #[inline]
-    pub fn at(&self, p_E: &Vector3<f64>) -> Self {
+    pub fn at(&self, p_E: &Vector3) -> Self {
         let r = self.R * p_E;
         let (w, alpha) = (angular(&self.V), angular(&self.a));
         Self {
@@ -103,7 +98,7 @@ mod tests {
             let X_ET = Pose::translation(Vector3::new(0.03, -0.02, 0.1));
             let tool = Model::<6>::new(robot("puma560"), None).unwrap().with_tool(&X_ET).evaluate(&q, &qdot);
             let wrist = puma().evaluate(&q, &qdot);
-            let carried = AtCentre::new(&tool, &wrist.X_BE.p, &tool.omega[5]);
+            let carried = AtCentre::new(&tool, &wrist.X_BE.p);
             prop_assert!((carried.J - wrist.J).amax() < 1e-14);
             prop_assert!((carried.Jdot_qdot - wrist.Jdot_qdot).amax() < 1e-13);
         }

@@ -3,11 +3,10 @@
 use crate::controller::Setup;
 use crate::law::singular_rows::SingularRows;
 use crate::limits::torque::Limited;
-use crate::linear::{angular, stack};
+use crate::linear::{Vector6, angular, stack};
 use crate::state::State;
 use crate::tick::{Motion, Now};
 use crate::types::{Command, Mode, Phase, Plan, Refusal};
-use nalgebra::Vector6;
 use shared_types::MAX_SINGULARITIES;
 
 /// The command of a tick under the law.

@@ -2,8 +2,8 @@
 
 use crate::law::force::Forces;
 use crate::limits::torque::Drives;
-use crate::plan::scenario::Task;
-use crate::plan::{beyond_reach, rehearsal};
+use crate::linear::Joints;
+use crate::plan::{Deviation, Request, beyond_reach, rehearsal};
 use crate::reference::guide::Guide;
 use crate::reference::path::Path;
 use crate::reference::posture::Postures;
@@ -14,7 +14,6 @@ use crate::singularity::family::Family;
 use crate::state::State;
 use crate::types::{Kind, Refusal, Singularity};
 use model::{Model, Robot};
-use nalgebra::SVector;
 use shared_types::ControllerCheckpoint;
 use shared_types::scenario::Scenario;
 use std::cell::Cell;
@@ -40,15 +39,10 @@ pub(crate) struct Setup<const N: usize> {
 }
 
 impl<const N: usize> Setup<N> {
-    /// The first place of the report from which on the singularities have codimension two or more, so that a self-motion leads around them.
-    pub(crate) fn first_of_higher_codimension(&self) -> Option<usize> {
-        self.family.first_of_higher_codimension()
-    }
-
     /// Whether the singularity at a place of the report has codimension two or more.
     pub(crate) fn has_higher_codimension(&self, place: usize) -> bool {
-        self.first_of_higher_codimension()
-            .is_some_and(|first| place >= first)
+        let first = self.family.first_of_higher_codimension();
+        first.is_some_and(|first| place >= first)
     }
 
     /// Largest auxiliary acceleration, rad/s².
@@ -117,11 +111,11 @@ impl<const N: usize> Controller<N> {
         model: Model<N>,
         robot: &Robot,
         scenario: &Scenario,
-        q_start: SVector<f64, N>,
+        q_start: Joints<N>,
     ) -> Result<Self, SetupError> {
-        let rest = model.evaluate(&q_start, &SVector::zeros());
+        let rest = model.evaluate(&q_start, &Joints::zeros());
         let mut analyzer = Analyzer::new(robot, &scenario.analysis);
-        let report = analyzer.step(&q_start, &SVector::zeros(), &rest);
+        let report = analyzer.step(&q_start, &Joints::zeros(), &rest);
         let family = analyzer.family().clone();
         let path = Path::new(scenario, rest.X_BE, &report)?;
         let is_steered = scenario.servo.is_some();
@@ -138,7 +132,7 @@ impl<const N: usize> Controller<N> {
             true => model.with_torque_share(targets::SHARE),
             false => model,
         };
-        let legs = (0..).take_while(|i| path.leg(*i).is_some()).count();
+        let legs = path.legs().len();
         let mut setup = Setup {
             drives: Drives::of(&model, robot.gravity, scenario.dt_s()),
             model,
@@ -151,14 +145,15 @@ impl<const N: usize> Controller<N> {
             guide: Guide::new(None, legs),
             forces,
         };
-        let task = Task {
+        let request = Request {
             model: &setup.model,
             robot,
             scenario,
             path: &setup.path,
             analyzer: &fresh,
-            q_start: &q_start,
+            q_start,
             postures: setup.postures.goals(),
+            allowed: Deviation::of(&scenario.goal),
         };
         let begun = State::begin(&rest, q_start, setup.model.effort());
         let rehearsed = Cell::new(begun);
@@ -166,7 +161,7 @@ impl<const N: usize> Controller<N> {
             let state = rehearsal::followed(&setup, &fresh, q_start, &report, begun);
             state.map(|state| rehearsed.set(state)).is_some()
         };
-        let found = task.route_ahead(&is_followed);
+        let found = request.route_ahead(&is_followed);
         let obstacle = found.as_ref().err().cloned().or(too_strong);
         setup.guide = Guide::new(found.ok().flatten(), legs);
         setup.postures.stay(setup.guide.beyond_reach());
@@ -187,7 +182,7 @@ impl<const N: usize> Controller<N> {
     ///
     /// Shapes `q_start` N · Units rad · Requires a steered scenario, and a controller before its first tick, or [restored](Self::restore) to that · Cost
     /// some µs, 0.1 ms for an arm whose singularities are found by number; no allocation
-    pub fn begin(&mut self, q_start: SVector<f64, N>) {
+    pub fn begin(&mut self, q_start: Joints<N>) {
         let Setup {
             model,
             family,
@@ -195,10 +190,10 @@ impl<const N: usize> Controller<N> {
             guide,
             ..
         } = &mut self.setup;
-        let rest = model.evaluate(&q_start, &SVector::zeros());
+        let rest = model.evaluate(&q_start, &Joints::zeros());
         if let Some(targets) = &self.targets {
             let mut analyzer = targets.analyzer.clone();
-            analyzer.step(&q_start, &SVector::zeros(), &rest);
+            analyzer.step(&q_start, &Joints::zeros(), &rest);
             *family = analyzer.family().clone();
         }
         postures.begin(q_start);
@@ -207,13 +202,11 @@ impl<const N: usize> Controller<N> {
     }
 
     /// Why the path cannot be followed, found before the first tick: the controller then refuses from the first tick on.
-    #[must_use]
     pub fn obstacle(&self) -> Option<&str> {
         self.obstacle.as_deref()
     }
 
     /// A goal that no posture of the arm has, found before the first tick, in words.
-    #[must_use]
     pub fn warning(&self) -> Option<String> {
         beyond_reach::warning(&self.setup.guide)
     }

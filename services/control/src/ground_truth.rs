@@ -6,7 +6,7 @@
 
 use crate::centre::PoseMotion;
 use crate::law::force::{self, Forces};
-use crate::linear;
+use crate::linear::{Joints, Matrix3, Vector3, Vector6, is_finite, linear, stack};
 use crate::plan::{self, kinematics::Kinematics};
 use crate::reference::free_axis;
 use crate::reference::path::{Path, Progress};
@@ -14,7 +14,7 @@ use crate::setup::{SetupError, start_posture};
 use crate::singularity::analyzer::Analyzer;
 use crate::types::{Class, Kind, Report};
 use model::{Model, Refused, Robot, Terms, joints};
-use nalgebra::{Cholesky, SVector, Vector3, Vector6};
+use nalgebra::Cholesky;
 use shared_types::scenario::Scenario;
 use shared_types::{MAX_SINGULARITIES, PlantState, SingularityReport, TargetContent};
 
@@ -47,7 +47,7 @@ pub trait GroundTruth: std::fmt::Debug {
         place: Option<&Progress>,
         target: Option<&TargetContent>,
         truth: &PlantState,
-        error: &Vector6<f64>,
+        error: &Vector6,
     ) -> Option<Contact>;
 
     /// The demand of the leg at this index on the posture, beside the pose, and how the true posture meets it.
@@ -55,15 +55,15 @@ pub trait GroundTruth: std::fmt::Debug {
 
     /// Position and orientation error of the true pose at a place, `[p_d − p; log(R_d Rᵀ)]`, on the axes that the task
     /// serves. Units m, rad; frame B.
-    fn error(&self, place: &Progress, truth: &PlantState) -> Vector6<f64>;
+    fn error(&self, place: &Progress, truth: &PlantState) -> Vector6;
 
     /// The part of an error that is orthogonal to every ζ_i in whose neighbourhood D_si the true posture is, linear and
     /// angular half each for itself. Units m, rad; frame B.
-    fn orthogonal(&self, error: &Vector6<f64>) -> Vector6<f64>;
+    fn orthogonal(&self, error: &Vector6) -> Vector6;
 
     /// Whether what an error `[p_d − p; ·]` has left along ζ may lie beyond the boundary of reach: at a fold in whose
     /// neighbourhood the true posture is, it points outwards (Type 1), or either way.
-    fn is_beyond(&self, error: &Vector6<f64>) -> bool;
+    fn is_beyond(&self, error: &Vector6) -> bool;
 
     /// Whether any posture of the arm has the pose of a place, found by Newton steps from the true posture and from others.
     ///
@@ -82,7 +82,7 @@ pub struct Contact {
     /// Time in which a set-point changes to it, s.
     pub ramp_s: f64,
     /// Direction, base axes.
-    pub e: Vector3<f64>,
+    pub e: Vector3,
     /// The force with which the hand presses in the direction asked for, N.
     pub pressed_n: f64,
     /// The error of position across that direction, mm.
@@ -98,13 +98,11 @@ impl Contact {
     pub const REACHED: (f64, f64) = force::REACHED;
 
     /// Whether its direction is another one than `e`.
-    #[must_use]
-    pub fn is_away_from(&self, e: &Vector3<f64>) -> bool {
+    pub fn is_away_from(&self, e: &Vector3) -> bool {
         self.e.dot(e) < force::SAME_AXIS
     }
 
     /// The set-point of a force of `before_n`, N, a tick of `dt_s` s later.
-    #[must_use]
     pub fn set_point(&self, before_n: f64, dt_s: f64) -> f64 {
         force::ramped(before_n, self.newtons, self.ramp_s, dt_s)
     }
@@ -166,9 +164,9 @@ impl<const N: usize> Truth<N> {
             Model::new(robot, scenario.frame())?,
             start_posture(robot, scenario)?,
         );
-        let terms = model.evaluate(&q, &SVector::zeros());
+        let terms = model.evaluate(&q, &Joints::zeros());
         let mut analyzer = Analyzer::new(robot, &scenario.analysis);
-        let report = analyzer.step(&q, &SVector::zeros(), &terms);
+        let report = analyzer.step(&q, &Joints::zeros(), &terms);
         let path = match scenario.servo {
             None => Some(Path::new(scenario, terms.X_BE, &report)?),
             Some(_) => None,
@@ -199,7 +197,7 @@ impl<const N: usize> GroundTruth for Truth<N> {
 
     fn analyse(&mut self, truth: &PlantState, reported: &SingularityReport) {
         let (q, qdot) = (joints(&truth.q), joints(&truth.qdot));
-        if !linear::is_finite(&q) || !linear::is_finite(&qdot) {
+        if !is_finite(&q) || !is_finite(&qdot) {
             return;
         }
         self.model.evaluate_into(&q, &qdot, &mut self.terms);
@@ -231,15 +229,15 @@ impl<const N: usize> GroundTruth for Truth<N> {
         place: Option<&Progress>,
         target: Option<&TargetContent>,
         truth: &PlantState,
-        error: &Vector6<f64>,
+        error: &Vector6,
     ) -> Option<Contact> {
-        let R = nalgebra::Matrix3::from_column_slice(&truth.R_BE);
+        let R = Matrix3::from_column_slice(&truth.R_BE);
         let press = match place {
             Some(place) => self.forces.at(place.leg, &R),
             None => self.forces.of_target(target?, &R),
         }?;
-        let borne = |axis: &Vector6<f64>| (axis - self.orthogonal(axis)).norm();
-        let F = linear::stack(
+        let borne = |axis: &Vector6| (axis - self.orthogonal(axis)).norm();
+        let F = stack(
             &truth.contact_force_n.into(),
             &truth.contact_torque_nm.into(),
         );
@@ -250,7 +248,7 @@ impl<const N: usize> GroundTruth for Truth<N> {
             ramp_s: press.ramp_s(),
             e: press.e,
             pressed_n: -press.e.dot(&Vector3::from(truth.contact_force_n)),
-            across_mm: 1e3 * linear::linear(&press.across(error)).norm(),
+            across_mm: 1e3 * linear(&press.across(error)).norm(),
             borne: press.axes().iter().map(borne).fold(0.0, f64::max),
         })
     }
@@ -279,27 +277,24 @@ impl<const N: usize> GroundTruth for Truth<N> {
         }
     }
 
-    fn error(&self, place: &Progress, truth: &PlantState) -> Vector6<f64> {
+    fn error(&self, place: &Progress, truth: &PlantState) -> Vector6 {
         let Some(path) = &self.path else {
             return Vector6::repeat(f64::NAN);
         };
         let desired = path.place(place).moving(0.0, 0.0);
-        let R = nalgebra::Matrix3::from_column_slice(&truth.R_BE);
+        let R = Matrix3::from_column_slice(&truth.R_BE);
         let free = free_axis::free_axis(&self.task);
         let turn = free_axis::rotation_error(&desired.R, &R, free.as_ref());
-        let error = linear::stack(&(desired.p - Vector3::from(truth.p_BE)), &turn);
+        let error = stack(&(desired.p - Vector3::from(truth.p_BE)), &turn);
         let press = self.forces.at(place.leg, &R);
         let error = press.map_or(error, |press| press.across(&error));
         // Times zero, not zero: a NaN stays one.
         Vector6::from_fn(|i, _| error[i] * if self.task[i] { 1.0 } else { 0.0 })
     }
 
-    fn orthogonal(&self, error: &Vector6<f64>) -> Vector6<f64> {
+    fn orthogonal(&self, error: &Vector6) -> Vector6 {
         let mut rest = *error;
-        for singularity in &self.report.singularities[..self.report.count] {
-            if !singularity.inside {
-                continue;
-            }
+        for singularity in self.report.listed().iter().filter(|s| s.inside) {
             for half in [0, 3] {
                 let zeta = singularity.zeta_B.fixed_rows::<3>(half);
                 let along = zeta.dot(&rest.fixed_rows::<3>(half));
@@ -311,8 +306,8 @@ impl<const N: usize> GroundTruth for Truth<N> {
         rest
     }
 
-    fn is_beyond(&self, error: &Vector6<f64>) -> bool {
-        let listed = self.report.singularities[..self.report.count].iter();
+    fn is_beyond(&self, error: &Vector6) -> bool {
+        let listed = self.report.listed().iter();
         listed.zip(&self.turned).any(|(one, turned)| {
             let way = one.zeta_B.fixed_rows::<3>(0).dot(&error.fixed_rows::<3>(0));
             let way = if *turned { -way } else { way };
@@ -346,7 +341,7 @@ impl<const N: usize> GroundTruth for Truth<N> {
         for absent in step.len()..N {
             A[(absent, absent)] = 1.0;
         }
-        let step = SVector::<f64, N>::from_fn(|i, _| step.get(i).copied().unwrap_or(0.0));
+        let step = Joints::<N>::from_fn(|i, _| step.get(i).copied().unwrap_or(0.0));
         Cholesky::new(A).map_or(f64::NAN, |A| 0.5 * step.dot(&A.solve(&step)))
     }
 }

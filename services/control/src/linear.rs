@@ -1,13 +1,34 @@
 //! Small dense algebra of static size, with a bounded number of iterations and the same bits on every machine.
 
 pub use model::{rotation_exp, rotation_log, rotation_twist, stack};
-use nalgebra::{SMatrix, SVector, Vector3, Vector6};
+use nalgebra::{Quaternion, SMatrix, SVector, UnitQuaternion};
+
+/// A number for each joint.
+pub type Joints<const N: usize> = SVector<f64, N>;
+/// 6×N, rows [v; ω]: what a motion of the joints does to a link.
+pub type Jacobian<const N: usize> = SMatrix<f64, 6, N>;
+/// A vector in space.
+pub type Vector3 = nalgebra::Vector3<f64>;
+/// A twist, a wrench or a pose error: a linear and an angular half.
+pub type Vector6 = nalgebra::Vector6<f64>;
+/// A rotation matrix, or a frame.
+pub type Matrix3 = nalgebra::Matrix3<f64>;
 
 /// +1 or −1.
-#[must_use]
 #[inline]
 pub fn sign(is_positive: bool) -> f64 {
     if is_positive { 1.0 } else { -1.0 }
+}
+
+/// The vector with a one in place `i`, and zeros.
+pub fn unit<const N: usize>(i: usize) -> Joints<N> {
+    Joints::from_fn(|k, _| if k == i { 1.0 } else { 0.0 })
+}
+
+/// The largest of |v_i|/limit_i, 0 where there is none.
+#[inline]
+pub fn largest_share<const N: usize>(v: &Joints<N>, limits: &Joints<N>) -> f64 {
+    (0..N).fold(0.0, |share, i| share.max(v[i].abs() / limits[i]))
 }
 
 /// How many singular values of an `R`×`C` matrix are above `tolerance` of its norm ‖M‖ = √Σσ².
@@ -18,7 +39,6 @@ pub fn sign(is_positive: bool) -> f64 {
 ///
 /// Shapes R×C → at most min(R, C) for a tolerance above 1e-7, where the squares are rounded · Units none · Ensures that a NaN counts as lost · Errors
 /// none · Cost O(R²C + R³), 0.1 µs for 6×6; no allocation
-#[must_use]
 pub fn rank<const R: usize, const C: usize>(M: &SMatrix<f64, R, C>, tolerance: f64) -> u32 {
     // Whole columns of the symmetric matrix: quicker than the half of it.
     let mut S = [[0.0; R]; R];
@@ -79,7 +99,6 @@ fn positive_pivots<const R: usize>(mut S: [[f64; R]; R]) -> u32 {
 ///
 /// Shapes rows of length C, at most C of them: more span no volume, and what is left of rounding is returned · Units the product of the rows' · Requires
 /// finite entries: any other gives a NaN or zero · Errors none · Cost O(rows²·C), no allocation
-#[must_use]
 pub fn volume<const C: usize>(rows: &mut [SVector<f64, C>]) -> f64 {
     let mut volume = 1.0;
     for i in 0..rows.len() {
@@ -92,6 +111,89 @@ pub fn volume<const C: usize>(rows: &mut [SVector<f64, C>]) -> f64 {
         }
     }
     volume
+}
+
+/// Directions, orthonormal where [`add`](Self::add) has added them.
+#[derive(Clone, Copy, Debug)]
+pub struct Basis<const D: usize> {
+    vectors: [SVector<f64, D>; D],
+    count: usize,
+}
+
+impl<const D: usize> std::ops::Deref for Basis<D> {
+    type Target = [SVector<f64, D>];
+    fn deref(&self) -> &[SVector<f64, D>] {
+        &self.vectors[..self.count]
+    }
+}
+
+impl<const D: usize> Basis<D> {
+    /// The empty set.
+    pub fn empty() -> Self {
+        Self {
+            vectors: [SVector::zeros(); D],
+            count: 0,
+        }
+    }
+
+    /// Adds `v` as it is, where there is room.
+    #[inline]
+    pub fn push(&mut self, v: SVector<f64, D>) {
+        if self.count < D {
+            self.vectors[self.count] = v;
+            self.count += 1;
+        }
+    }
+
+    /// The part of `v` that is orthogonal to all, by Gram–Schmidt; twice is orthogonal to rounding.
+    #[must_use]
+    #[inline]
+    pub fn residual(&self, mut v: SVector<f64, D>) -> SVector<f64, D> {
+        for b in &**self {
+            v -= b * b.dot(&v);
+        }
+        v
+    }
+
+    /// Adds what is new in `v`; false if nothing is (less than 1e-6 of it), or the set is full.
+    pub fn add(&mut self, v: SVector<f64, D>) -> bool {
+        let (length, residual) = (v.norm(), self.residual(self.residual(v)));
+        let new = residual.norm();
+        if self.count == D || new <= 1e-6 * length || new == 0.0 {
+            return false;
+        }
+        self.push(residual / new);
+        true
+    }
+
+    /// Adds the candidate with the largest new part.
+    pub fn add_best(&mut self, candidates: impl Iterator<Item = SVector<f64, D>>) -> bool {
+        let mut best = SVector::zeros();
+        let mut size = 0.0;
+        for candidate in candidates {
+            let residual = self.residual(self.residual(candidate));
+            if residual.norm_squared() > size {
+                (best, size) = (residual, residual.norm_squared());
+            }
+        }
+        self.add(best)
+    }
+
+    /// The unit vector orthogonal to all that has most of one axis; shorter, down to zeros, where the vectors leave none.
+    pub fn any(&self) -> SVector<f64, D> {
+        // Of an orthonormal set: what it leaves of axis k has the square 1 − Σ b_k².
+        let (mut best, mut most) = (SVector::<f64, D>::zeros(), 0.0);
+        for k in 0..D {
+            let spanned = self.iter().map(|b| b[k] * b[k]);
+            let square = 1.0 - spanned.sum::<f64>();
+            if square > most + 1e-9 {
+                (best, most) = (unit(k), square);
+            }
+        }
+        let best = self.residual(best);
+        let rest = self.residual(best / best.norm().max(1e-12));
+        rest / rest.norm().max(1e-9)
+    }
 }
 
 /// Most rows of [`one_sided_jacobi`].
@@ -171,7 +273,6 @@ impl Rotation {
 
     /// The pair (x, y), rotated.
     #[inline]
-    #[must_use]
     pub fn of(&self, x: f64, y: f64) -> (f64, f64) {
         (x * self.cos - y * self.sin, x * self.sin + y * self.cos)
     }
@@ -183,7 +284,6 @@ impl Rotation {
 ///
 /// Shapes M×M → M and M×M · Units of the values those of S · Requires finite entries, S = Sᵀ: a NaN or an infinity gives no finite values · Ensures VᵀV = 1 and
 /// V·diag(values)·Vᵀ = S within 1e-12 of the largest entry up to M = 8 (`sweeps_suffice`) · Errors none · Cost O(M³) per sweep, no allocation
-#[must_use]
 pub fn symmetric_eigen<const M: usize>(
     S: &SMatrix<f64, M, M>,
 ) -> (SVector<f64, M>, SMatrix<f64, M, M>) {
@@ -221,19 +321,14 @@ pub fn symmetric_eigen<const M: usize>(
 pub const SWEEPS: usize = 8;
 
 /// Whether every element is a finite number.
-#[must_use]
 #[inline]
 pub fn is_finite<const N: usize>(v: &SVector<f64, N>) -> bool {
     v.iter().all(|x| x.is_finite())
 }
 
 /// The Jacobian of the point that lies at `r` from that of `J`, on the same link: v + ω×r.
-#[must_use]
 #[inline]
-pub fn displaced<const N: usize>(
-    mut J: SMatrix<f64, 6, N>,
-    r: &Vector3<f64>,
-) -> SMatrix<f64, 6, N> {
+pub fn displaced<const N: usize>(mut J: Jacobian<N>, r: &Vector3) -> Jacobian<N> {
     for mut column in J.column_iter_mut() {
         let v = Vector3::new(column[3], column[4], column[5]).cross(r);
         (0..3).for_each(|k| column[k] += v[k]);
@@ -241,29 +336,53 @@ pub fn displaced<const N: usize>(
     J
 }
 
+/// The rotation of a quaternion w, x, y, z, which is made a unit.
+pub fn rotation_of([w, x, y, z]: [f64; 4]) -> Matrix3 {
+    UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
+        .to_rotation_matrix()
+        .into_inner()
+}
+
 /// The linear half of a twist.
-#[must_use]
 #[inline]
-pub fn linear(twist: &Vector6<f64>) -> Vector3<f64> {
+pub fn linear(twist: &Vector6) -> Vector3 {
     twist.fixed_rows::<3>(0).into_owned()
 }
 
 /// The angular half of a twist.
-#[must_use]
 #[inline]
-pub fn angular(twist: &Vector6<f64>) -> Vector3<f64> {
+pub fn angular(twist: &Vector6) -> Vector3 {
     twist.fixed_rows::<3>(3).into_owned()
 }
 
-/// The parts of a twist or error along the axes that a task serves, zero along the others.
-#[must_use]
+/// One half of a twist.
 #[inline]
-pub fn served(task: &[bool; 6], twist: &Vector6<f64>) -> Vector6<f64> {
+pub fn half_of(twist: &Vector6, is_angular: bool) -> Vector3 {
+    if is_angular {
+        angular(twist)
+    } else {
+        linear(twist)
+    }
+}
+
+/// The vector of this half of a twist, the other half zero.
+#[inline]
+pub fn halves(half: &Vector3, is_angular: bool) -> Vector6 {
+    let zero = Vector3::zeros();
+    if is_angular {
+        stack(&zero, half)
+    } else {
+        stack(half, &zero)
+    }
+}
+
+/// The parts of a twist or error along the axes that a task serves, zero along the others.
+#[inline]
+pub fn served(task: &[bool; 6], twist: &Vector6) -> Vector6 {
     Vector6::from_fn(|k, _| if task[k] { twist[k] } else { 0.0 })
 }
 
 /// Cubic step: 0 at x ≤ 0, 1 at x ≥ 1, flat at both ends.
-#[must_use]
 #[inline]
 pub fn smoothstep(x: f64) -> f64 {
     let x = x.clamp(0.0, 1.0);
@@ -271,7 +390,6 @@ pub fn smoothstep(x: f64) -> f64 {
 }
 
 /// `x` brought to (−π, π].
-#[must_use]
 pub fn wrap_angle(x: f64) -> f64 {
     use std::f64::consts::{PI, TAU};
     let y = x - TAU * libm::floor((x + PI) / TAU);
@@ -279,21 +397,8 @@ pub fn wrap_angle(x: f64) -> f64 {
 }
 
 /// `x` brought to (−π/2, π/2]: the nearest of two opposite directions.
-#[must_use]
 pub fn wrap_line(x: f64) -> f64 {
     0.5 * wrap_angle(2.0 * x)
-}
-
-/// `v` shortened to at most `length`.
-#[must_use]
-#[inline]
-pub fn clamp_norm(v: Vector3<f64>, length: f64) -> Vector3<f64> {
-    let norm = v.norm();
-    if norm > length {
-        v * (length / norm)
-    } else {
-        v
-    }
 }
 
 #[cfg(test)]
@@ -323,7 +428,7 @@ mod tests {
                 prop_assert_eq!(rank(&M, tolerance) as usize, sigma.iter().filter(|x| **x > floor).count());
             }
             prop_assert_eq!(rank(&(M * f64::NAN), tolerance), 0);
-            let mut rows: [Vector6<f64>; 6] = std::array::from_fn(|i| M.row(i).transpose());
+            let mut rows: [Vector6; 6] = std::array::from_fn(|i| M.row(i).transpose());
             let product: f64 = sigma.iter().product();
             prop_assert!((volume(&mut rows) - product).abs() < 1e-9 * product + 1e-13 * sigma[0].powi(6));
             let (values, V) = symmetric_eigen(&(M + M.transpose()));

@@ -1,8 +1,8 @@
 //! From a scenario to what a controller needs before its first tick.
 
+use crate::linear::Joints;
 use crate::reference::path::PathError;
 use model::{ModelError, PostureError, Robot};
-use nalgebra::SVector;
 use shared_types::scenario::Scenario;
 
 /// Why a scenario cannot be controlled.
@@ -34,28 +34,24 @@ pub enum SetupError {
 pub fn start_posture<const N: usize>(
     robot: &Robot,
     scenario: &Scenario,
-) -> Result<SVector<f64, N>, SetupError> {
+) -> Result<Joints<N>, SetupError> {
     let q = robot.start_posture(&scenario.start)?;
     Ok(model::embedded(&q))
 }
 
-/// The posture goal of each segment, rad; the start posture where it has none.
+/// The posture goal of each segment that has one, rad.
 ///
 /// # Errors
 /// [`SetupError::Posture`] for a posture that does not fit the robot.
 pub(crate) fn posture_goals<const N: usize>(
     robot: &Robot,
     scenario: &Scenario,
-    q_start: &SVector<f64, N>,
-) -> Result<Vec<SVector<f64, N>>, SetupError> {
-    let goal = |(segment, goal): (usize, &shared_types::scenario::Segment)| match goal.posture() {
-        None => Ok(*q_start),
-        Some(start) => {
-            let q = robot
-                .start_posture(&start)
-                .map_err(|error| SetupError::Posture { segment, error })?;
-            Ok(model::embedded(&q))
-        }
+) -> Result<Vec<Option<Joints<N>>>, SetupError> {
+    let goal = |(segment, goal): (usize, &shared_types::scenario::Segment)| {
+        let q = goal.posture().map(|start| robot.start_posture(&start));
+        let q = q.transpose();
+        let q = q.map_err(|error| SetupError::Posture { segment, error })?;
+        Ok(q.map(|q| model::embedded(&q)))
     };
     scenario.segment.iter().enumerate().map(goal).collect()
 }

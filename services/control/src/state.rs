@@ -6,12 +6,12 @@ use crate::law::force::Pressing;
 use crate::limits::clock::Clock;
 use crate::limits::plausible::Plausible;
 use crate::limits::torque::Sent;
+use crate::linear::{Joints, Matrix3};
 use crate::paper::type_2::Turn;
 use crate::reference::path::Progress;
 use crate::reference::targets::TargetState;
 use crate::types::{Mode, Refusal};
 use model::{Pose, Terms, joints, padded};
-use nalgebra::{Matrix3, SVector};
 use shared_types::wire::Part;
 use shared_types::{ControllerCheckpoint, MAX_SINGULARITIES};
 
@@ -30,7 +30,7 @@ pub(crate) struct State<const N: usize> {
     /// Torque of the tick before.
     pub(crate) sent: Sent<N>,
     /// Joint velocities that the path needs, rad/s.
-    pub(crate) qdot_planned: SVector<f64, N>,
+    pub(crate) qdot_planned: Joints<N>,
     pub(crate) plausible: Plausible<N>,
     pub(crate) force: Pressing,
     /// Of a steered run.
@@ -39,11 +39,7 @@ pub(crate) struct State<const N: usize> {
 
 impl<const N: usize> State<N> {
     /// Before the first tick: an arm at rest in `q_start`, whose terms are `rest`; `effort` are the torque limits, N·m.
-    pub(crate) fn begin(
-        rest: &Terms<N>,
-        q_start: SVector<f64, N>,
-        effort: &SVector<f64, N>,
-    ) -> Self {
+    pub(crate) fn begin(rest: &Terms<N>, q_start: Joints<N>, effort: &Joints<N>) -> Self {
         let sent = Sent::holding(&rest.gravity, effort);
         Self {
             progress: Progress::at(rest.X_BE),
@@ -53,7 +49,7 @@ impl<const N: usize> State<N> {
             refusal: Refusal::None,
             joint_memory: JointMemory::at(q_start),
             sent,
-            qdot_planned: SVector::zeros(),
+            qdot_planned: Joints::zeros(),
             plausible: Plausible::unknown(),
             force: Pressing::default(),
             targets: TargetState::at(rest.X_BE, q_start, sent),
@@ -114,7 +110,7 @@ impl<const N: usize> State<N> {
 
     /// The state that [`save`](Self::save) has written, its torque within the arm's `limits`, N·m. One with a number that is not finite, a leg that starts
     /// in no pose or leads farther than any, or a mode or a refusal that does not exist, is damaged: it refuses to go on.
-    pub(crate) fn from_checkpoint(from: &ControllerCheckpoint, limits: &SVector<f64, N>) -> Self {
+    pub(crate) fn from_checkpoint(from: &ControllerCheckpoint, limits: &Joints<N>) -> Self {
         let is_damaged = is_damaged(from);
         let refusal = Refusal::from_code(from.refusal)
             .filter(|_| !is_damaged)

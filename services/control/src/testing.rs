@@ -2,11 +2,12 @@
 
 use crate::centre::AtCentre;
 use crate::controller::Controller;
+use crate::linear::{Joints, Vector6};
+use crate::setup::start_posture;
 use crate::singularity::analyzer::Analyzer;
 use crate::tick::{Inputs, Now};
 use crate::types::{Command, Report};
-use model::{Factors, Model, Robot, Terms};
-use nalgebra::{SVector, Vector3};
+use model::{Factors, Model, Robot};
 use proptest::prelude::*;
 use shared_types::TargetContent;
 use shared_types::scenario::{Analysis, Scenario};
@@ -15,7 +16,7 @@ use std::sync::OnceLock;
 
 /// An arm that stands in a posture, as a tick sees it.
 pub(crate) fn standing<T>(name: &str, q: [f64; 6], seen: impl FnOnce(&Now<'_, 6>) -> T) -> T {
-    let (robot, q, zero) = (robot(name), SVector::from(q), SVector::zeros());
+    let (robot, q, zero) = (robot(name), Joints::from(q), Joints::zeros());
     let terms = Model::new(robot, None).unwrap().evaluate(&q, &zero);
     let report = Analyzer::new(robot, &Analysis::default()).step(&q, &zero, &terms);
     seen(&Now {
@@ -25,7 +26,7 @@ pub(crate) fn standing<T>(name: &str, q: [f64; 6], seen: impl FnOnce(&Now<'_, 6>
         wrist: None,
         report: &report,
         terms: &terms,
-        at: &AtCentre::new(&terms, &report.p_BC, &Vector3::zeros()),
+        at: &AtCentre::new(&terms, &report.p_BC),
         p_EC: &(terms.X_BE.R.transpose() * (report.p_BC - terms.X_BE.p)),
     })
 }
@@ -58,6 +59,14 @@ pub(crate) struct PumaLengths {
     pub(crate) q3_stretched: f64,
 }
 
+impl PumaLengths {
+    /// q2 that puts the wrist centre above the waist axis, rad: R = c2·K + s2·M = 0 at atan2(−K, M).
+    pub(crate) fn overhead(&self, q3: f64) -> f64 {
+        let (sin, cos) = libm::sincos(q3 - self.q3_stretched);
+        libm::atan2(-(self.a2 + self.L3 * cos), -self.L3 * sin)
+    }
+}
+
 /// The lengths of a built-in PUMA.
 pub(crate) fn puma_lengths(name: &str) -> PumaLengths {
     let Factors::Puma { a2, a3, d4 } = robot(name).factors else {
@@ -81,39 +90,16 @@ pub(crate) fn three_r() -> &'static Model<3> {
 }
 
 /// Any posture within the limits (within a turn where there are none).
-pub(crate) fn posture<const N: usize>(model: &Model<N>) -> impl Strategy<Value = SVector<f64, N>> {
+pub(crate) fn posture<const N: usize>(model: &Model<N>) -> impl Strategy<Value = Joints<N>> {
     let (lower, upper) = (*model.lower(), *model.upper());
     prop::collection::vec(0.0..1.0_f64, N).prop_map(move |x| {
-        SVector::from_fn(|i, _| {
-            lower[i].max(-3.2) + x[i] * (upper[i].min(3.2) - lower[i].max(-3.2))
-        })
+        Joints::from_fn(|i, _| lower[i].max(-3.2) + x[i] * (upper[i].min(3.2) - lower[i].max(-3.2)))
     })
 }
 
 /// A report of an arm that is nowhere singular.
 pub(crate) fn empty_report<const N: usize>() -> Report<N> {
-    Report::unexamined(1.0, Vector3::zeros())
-}
-
-/// The command for an arm on which nothing acts that the model does not explain.
-pub(crate) fn undisturbed<const N: usize>(
-    controller: &mut Controller<N>,
-    tick: u64,
-    [q, qdot]: [&SVector<f64, N>; 2],
-    report: &Report<N>,
-    terms: Option<&Terms<N>>,
-    target: Option<&TargetContent>,
-) -> Command<N> {
-    controller.step(&Inputs {
-        tick,
-        q,
-        qdot,
-        tau_disturbance: &SVector::zeros(),
-        wrist: None,
-        report,
-        terms,
-        target,
-    })
+    Report::unexamined(1.0)
 }
 
 /// A scenario file of the product.
@@ -122,25 +108,85 @@ pub(crate) fn scenario(text: &str, settings: &[&str]) -> Scenario {
     Scenario::parse("test.toml", text, &settings).unwrap()
 }
 
-/// One step of the arm's exact dynamics with the torque held: Runge–Kutta of fourth order.
-pub(crate) fn rk4<const N: usize>(
-    model: &Model<N>,
-    q: &SVector<f64, N>,
-    qdot: &SVector<f64, N>,
-    tau: &SVector<f64, N>,
+/// An arm under the law, at rest in the start posture of its scenario.
+#[derive(Clone)]
+pub(crate) struct Bench<const N: usize> {
+    pub(crate) model: Model<N>,
+    pub(crate) analyzer: Analyzer<N>,
+    pub(crate) controller: Controller<N>,
+    /// The last one.
+    pub(crate) report: Report<N>,
+    pub(crate) q: Joints<N>,
+    pub(crate) qdot: Joints<N>,
+    pub(crate) tick: u64,
     dt: f64,
-) -> (SVector<f64, N>, SVector<f64, N>) {
-    let f = |q: &SVector<f64, N>, v: &SVector<f64, N>| model.forward_dynamics(q, v, tau);
-    let h = 0.5 * dt;
-    let a1 = f(q, qdot);
-    let (v2, q2) = (qdot + a1 * h, q + qdot * h);
-    let a2 = f(&q2, &v2);
-    let (v3, q3) = (qdot + a2 * h, q + v2 * h);
-    let a3 = f(&q3, &v3);
-    let (v4, q4) = (qdot + a3 * dt, q + v3 * dt);
-    let a4 = f(&q4, &v4);
-    (
-        q + (qdot + (v2 + v3) * 2.0 + v4) * (dt / 6.0),
-        qdot + (a1 + (a2 + a3) * 2.0 + a4) * (dt / 6.0),
-    )
+}
+
+impl<const N: usize> Bench<N> {
+    pub(crate) fn new(text: &str) -> Self {
+        Self::of(&scenario(text, &[]))
+    }
+
+    pub(crate) fn of(scenario: &Scenario) -> Self {
+        let robot = Robot::builtin(&scenario.robot).unwrap();
+        let model = Model::new(&robot, scenario.frame()).unwrap();
+        let q = start_posture(&robot, scenario).unwrap();
+        Self {
+            controller: Controller::new(model.clone(), &robot, scenario, q).unwrap(),
+            analyzer: Analyzer::new(&robot, &scenario.analysis),
+            report: empty_report(),
+            model,
+            q,
+            qdot: Joints::zeros(),
+            tick: 0,
+            dt: scenario.dt_s(),
+        }
+    }
+
+    /// The command of a tick in which nothing acts that the model does not explain.
+    pub(crate) fn command(&mut self, target: Option<&TargetContent>) -> Command<N> {
+        self.pressed(None, target)
+    }
+
+    /// The same of a hand on which a wrench acts.
+    pub(crate) fn pressed(
+        &mut self,
+        wrist: Option<&Vector6>,
+        target: Option<&TargetContent>,
+    ) -> Command<N> {
+        let terms = self.model.evaluate(&self.q, &self.qdot);
+        self.report = self.analyzer.step(&self.q, &self.qdot, &terms);
+        self.tick += 1;
+        self.controller.step(&Inputs {
+            tick: self.tick - 1,
+            q: &self.q,
+            qdot: &self.qdot,
+            tau_disturbance: &Joints::zeros(),
+            wrist,
+            report: &self.report,
+            // At every second tick the law evaluates the model itself.
+            terms: self.tick.is_multiple_of(2).then_some(&terms),
+            target,
+        })
+    }
+
+    /// The command on the last report, whatever the posture is, under a torque that the model does not explain.
+    pub(crate) fn again(&mut self, tau_disturbance: &Joints<N>) -> Command<N> {
+        self.controller.step(&Inputs {
+            tick: self.tick,
+            q: &self.q,
+            qdot: &self.qdot,
+            tau_disturbance,
+            wrist: None,
+            report: &self.report,
+            terms: None,
+            target: None,
+        })
+    }
+
+    /// Moves on by a tick under a torque on the joints.
+    pub(crate) fn moves(&mut self, tau: &Joints<N>) {
+        self.qdot += self.model.forward_dynamics(&self.q, &self.qdot, tau) * self.dt;
+        self.q += self.qdot * self.dt;
+    }
 }

@@ -9,7 +9,7 @@ use crate::controller::{Controller, Setup};
 use crate::law::{self, force, singular_rows};
 use crate::limits::plausible::{self, Plausible};
 use crate::limits::{self, Parts, clock};
-use crate::linear::is_finite;
+use crate::linear::{Joints, Vector3, Vector6, is_finite};
 use crate::plan::beyond_reach;
 use crate::reference::guide::Planned;
 use crate::reference::path::Leg;
@@ -17,7 +17,6 @@ use crate::reference::{self, targets};
 use crate::state::State;
 use crate::types::{Command, Phase, Refusal, Report};
 use model::Terms;
-use nalgebra::{SVector, Vector3, Vector6};
 use shared_types::TargetContent;
 
 /// The inputs of one tick.
@@ -26,13 +25,13 @@ pub struct Inputs<'a, const N: usize> {
     /// Its number.
     pub tick: u64,
     /// Joint positions, rad.
-    pub q: &'a SVector<f64, N>,
+    pub q: &'a Joints<N>,
     /// Joint velocities, rad/s.
-    pub qdot: &'a SVector<f64, N>,
+    pub qdot: &'a Joints<N>,
     /// Torque on the joints that the model does not explain, N·m; compensated where the scenario asks for it.
-    pub tau_disturbance: &'a SVector<f64, N>,
+    pub tau_disturbance: &'a Joints<N>,
     /// Wrench of the surroundings on the hand about E by a sensor at its wrist, base axes, N, N·m; `None`: there is none.
-    pub wrist: Option<&'a Vector6<f64>>,
+    pub wrist: Option<&'a Vector6>,
     /// The analysis of this very state.
     pub report: &'a Report<N>,
     /// The model's terms of this very state at the scenario's frame, where they have been computed already.
@@ -44,17 +43,17 @@ pub struct Inputs<'a, const N: usize> {
 /// The arm on which the law acts at this tick.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Now<'a, const N: usize> {
-    pub(crate) q: &'a SVector<f64, N>,
-    pub(crate) qdot: &'a SVector<f64, N>,
-    pub(crate) tau_disturbance: &'a SVector<f64, N>,
+    pub(crate) q: &'a Joints<N>,
+    pub(crate) qdot: &'a Joints<N>,
+    pub(crate) tau_disturbance: &'a Joints<N>,
     /// Wrench of the surroundings on the hand about E, base axes, N, N·m; `None`: it is not measured.
-    pub(crate) wrist: Option<&'a Vector6<f64>>,
+    pub(crate) wrist: Option<&'a Vector6>,
     pub(crate) report: &'a Report<N>,
     pub(crate) terms: &'a Terms<N>,
     /// Kinematics at C.
     pub(crate) at: &'a AtCentre<N>,
     /// C in the end-effector's axes, m.
-    pub(crate) p_EC: &'a Vector3<f64>,
+    pub(crate) p_EC: &'a Vector3,
 }
 
 /// Step 1's result: the desired motion and the acceleration that follows it.
@@ -73,17 +72,17 @@ pub(crate) struct Motion<const N: usize> {
     /// Desired motion of C.
     pub(crate) desired: PoseMotion,
     /// Twist of C at full clock speed.
-    pub(crate) V_nominal: Vector6<f64>,
+    pub(crate) V_nominal: Vector6,
     /// Acceleration of C at the clock's present speed.
-    pub(crate) a_feed: Vector6<f64>,
+    pub(crate) a_feed: Vector6,
     /// Pose error at C.
-    pub(crate) error: Vector6<f64>,
+    pub(crate) error: Vector6,
     /// The share of a* that answers to the pose error, k_p·e bounded.
-    pub(crate) feedback: Vector6<f64>,
+    pub(crate) feedback: Vector6,
     /// Operational acceleration a* at C.
-    pub(crate) a: Vector6<f64>,
+    pub(crate) a: Vector6,
     /// Along a force's axis: how far beyond the path the force leads the hand, base axes, m.
-    pub(crate) off_path: Vector3<f64>,
+    pub(crate) off_path: Vector3,
 }
 
 /// The tick. Each step is the file or folder that it names; what it finds on its way it leaves in the state of the next tick.
@@ -160,21 +159,16 @@ impl<const N: usize> Controller<N> {
     ///
     /// Shapes N · Units rad, rad/s · Ensures a torque that brings the arm to rest: gravity compensated and joints damped where `q` and `qdot` are finite,
     /// else zero · Errors none: the reason is in the command · Cost that of the model's terms, no allocation
-    pub fn refuse(
-        &mut self,
-        q: &SVector<f64, N>,
-        qdot: &SVector<f64, N>,
-        why: Refusal,
-    ) -> Command<N> {
-        self.brake(q, qdot, &SVector::zeros(), why)
+    pub fn refuse(&mut self, q: &Joints<N>, qdot: &Joints<N>, why: Refusal) -> Command<N> {
+        self.brake(q, qdot, &Joints::zeros(), why)
     }
 
     /// As [`refuse`](Self::refuse), on an arm that also carries what the model does not explain.
     fn brake(
         &mut self,
-        q: &SVector<f64, N>,
-        qdot: &SVector<f64, N>,
-        tau_disturbance: &SVector<f64, N>,
+        q: &Joints<N>,
+        qdot: &Joints<N>,
+        tau_disturbance: &Joints<N>,
         why: Refusal,
     ) -> Command<N> {
         self.state.refusal = why;
@@ -205,7 +199,7 @@ impl<const N: usize> Controller<N> {
         let moving = Moving {
             terms: &self.setup.model.evaluate(&q, &qdot),
             qdot: &qdot,
-            tau_disturbance: &SVector::zeros(),
+            tau_disturbance: &Joints::zeros(),
         };
         let rest = rest(&self.setup, &mut self.state, Some(moving));
         let goes_on = self.targets.is_some() && targets::goes_on(self.state.refusal);
@@ -268,7 +262,7 @@ pub(crate) fn act<const N: usize>(
         wrist,
         report,
         terms,
-        at: &AtCentre::new(terms, &report.p_BC, &terms.omega[N - 1]),
+        at: &AtCentre::new(terms, &report.p_BC),
         p_EC: &(terms.X_BE.R.transpose() * (report.p_BC - terms.X_BE.p)),
     };
     if state.clock.path_s == 0.0 && !state.progress.begun {
@@ -290,8 +284,8 @@ pub(crate) fn act<const N: usize>(
 #[derive(Clone, Copy)]
 struct Moving<'a, const N: usize> {
     terms: &'a Terms<N>,
-    qdot: &'a SVector<f64, N>,
-    tau_disturbance: &'a SVector<f64, N>,
+    qdot: &'a Joints<N>,
+    tau_disturbance: &'a Joints<N>,
 }
 
 /// The arm brought to rest, within the limits and the torque rates: gravity, Coriolis and an unknown load held, each joint's speed damped through the
@@ -308,18 +302,15 @@ fn rest<const N: usize>(
         } else {
             0.5
         };
-    let zero = SVector::zeros();
+    let zero = Joints::zeros();
     // An estimate that is not to be trusted knows no load.
     let is_loaded = setup.scenario.control.compensate_disturbance
         && !matches!(state.refusal, Refusal::State | Refusal::Estimate);
     let (bias, rest) = moving
         .map(|moving| {
-            let (terms, load) = (moving.terms, moving.tau_disturbance);
-            let bias = match is_loaded {
-                true => setup.drives.compensating(terms.bias(), load, &terms.J),
-                false => terms.bias(),
-            };
-            (bias, terms.A * moving.qdot * -damping)
+            let load = is_loaded.then_some(moving.tau_disturbance);
+            let bias = setup.drives.bias(moving.terms, None, load);
+            (bias, moving.terms.A * moving.qdot * -damping)
         })
         .filter(|(bias, rest)| is_finite(bias) && is_finite(rest))
         .unwrap_or((zero, zero));

@@ -1,9 +1,9 @@
 //! The analyzer's report and the controller's command, sized by the arm; `wire` turns both into messages.
 
 use crate::limits::torque::Limited;
+use crate::linear::{Joints, Matrix3, Vector3, Vector6, half_of};
 use crate::paper::neighborhood::Neighborhood;
 use model::Pose;
-use nalgebra::{Matrix3, SVector, Vector3, Vector6};
 use shared_types::{MAX_SINGULARITIES, ServoState, codes};
 
 /// An enum with its integers on the wire; the first variant is the default.
@@ -15,12 +15,10 @@ macro_rules! coded {
 
         impl $name {
             /// The named integer on the wire.
-            #[must_use]
             pub fn code(self) -> u32 {
                 match self { Self::$first => codes::$first_code, $( Self::$variant => codes::$code ),* }
             }
             /// From the wire; `None` for a code that has no name.
-            #[must_use]
             pub fn from_code(code: u32) -> Option<Self> {
                 match code { codes::$first_code => Some(Self::$first), $( codes::$code => Some(Self::$variant), )* _ => None }
             }
@@ -155,9 +153,9 @@ pub struct Singularity<const N: usize> {
     /// Exit threshold on |s_i|.
     pub eta_out: f64,
     /// ζ_i at C in base axes, continuous in sign.
-    pub zeta_B: Vector6<f64>,
+    pub zeta_B: Vector6,
     /// Singular frame: first axis along ζ_i.
-    pub R_BS: Matrix3<f64>,
+    pub R_BS: Matrix3,
     /// Velocity along ζ_i per auxiliary rate, signed; m or 1.
     pub gain: f64,
     /// Share of `gain` that a vector measure lacks, 0 to 1, because `aux_row` has not turned towards it yet. Not on the wire.
@@ -169,7 +167,7 @@ pub struct Singularity<const N: usize> {
     /// Its acceleration at q̈ = 0, rad/s².
     pub aux_bias: f64,
     /// Its gradient.
-    pub aux_row: SVector<f64, N>,
+    pub aux_row: Joints<N>,
     /// Second-order motion along ζ per null motion: > 0 is a fold. Of a vector measure of type 2 or mixed: along `aux_row`.
     pub kappa_1: f64,
     /// Turning rate of ζ along the null motion that `aux` counts; positive about the singular frame's second axis.
@@ -178,17 +176,11 @@ pub struct Singularity<const N: usize> {
 
 impl<const N: usize> Singularity<N> {
     /// The unit vector of ζ_i: an axis of rotation if `angular`, else a direction of translation.
-    #[must_use]
-    pub fn axis(&self) -> Vector3<f64> {
-        if self.angular {
-            crate::linear::angular(&self.zeta_B)
-        } else {
-            crate::linear::linear(&self.zeta_B)
-        }
+    pub fn axis(&self) -> Vector3 {
+        half_of(&self.zeta_B, self.angular)
     }
 
     /// The coordinate whose sign is the side of a lock. An elbow's s_i has the same sign on both sides of some arms' folds; its own coordinate has not.
-    #[must_use]
     #[inline]
     pub fn across(&self) -> f64 {
         match self.class {
@@ -197,18 +189,21 @@ impl<const N: usize> Singularity<N> {
         }
     }
 
-    /// Its neighbourhood.
-    #[must_use]
+    /// Velocity along ζ per rate of the coordinate, whatever direction that has; m or 1.
+    pub(crate) fn slope(&self) -> f64 {
+        self.gain * (1.0 - self.askew)
+    }
+
+    /// Weight of operational control along ζ_i in its neighbourhood, were its measure `s`.
     #[inline]
-    pub fn neighborhood(&self) -> Neighborhood {
-        Neighborhood {
-            eta_in: self.eta_in,
-            eta_out: self.eta_out,
-        }
+    pub(crate) fn openness(&self, s: f64) -> f64 {
+        let Self {
+            eta_in, eta_out, ..
+        } = *self;
+        Neighborhood { eta_in, eta_out }.openness(s)
     }
 
     /// Nothing: what unused places of a report hold.
-    #[must_use]
     #[inline]
     pub fn none() -> Self {
         Self {
@@ -227,7 +222,7 @@ impl<const N: usize> Singularity<N> {
             aux: 0.0,
             aux_rate: 0.0,
             aux_bias: 0.0,
-            aux_row: SVector::zeros(),
+            aux_row: Joints::zeros(),
             kappa_1: 0.0,
             kappa_2: 0.0,
         }
@@ -246,7 +241,7 @@ pub struct Report<const N: usize> {
     /// The length that makes metres and radians comparable, m.
     pub length_m: f64,
     /// Where singularities are analysed, in B, m.
-    pub p_BC: Vector3<f64>,
+    pub p_BC: Vector3,
     /// How many places of `singularities` are used.
     pub count: usize,
     /// The singularities, in an order that never changes within a run.
@@ -254,22 +249,21 @@ pub struct Report<const N: usize> {
 }
 
 impl<const N: usize> Report<N> {
-    /// A report of an arm with C at `p_BC`, m: no singularity, and nothing computed of the Jacobian.
+    /// A report of no posture: no singularity, and all else zero.
     #[inline]
-    pub(crate) fn unexamined(length_m: f64, p_BC: Vector3<f64>) -> Self {
+    pub(crate) fn unexamined(length_m: f64) -> Self {
         Self {
             rank: 0,
             det: 0.0,
             manipulability: 0.0,
             length_m,
-            p_BC,
+            p_BC: Vector3::zeros(),
             count: 0,
             singularities: [Singularity::none(); MAX_SINGULARITIES],
         }
     }
 
     /// The singularities in use.
-    #[must_use]
     #[inline]
     pub fn listed(&self) -> &[Singularity<N>] {
         &self.singularities[..self.count.min(MAX_SINGULARITIES)]
@@ -280,17 +274,17 @@ impl<const N: usize> Report<N> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Command<const N: usize> {
     /// Γ, N·m.
-    pub tau: SVector<f64, N>,
+    pub tau: Joints<N>,
     /// The part that acts at the end-effector, with gravity and Coriolis, N·m.
-    pub tau_task: SVector<f64, N>,
+    pub tau_task: Joints<N>,
     /// The part in the null space, N_T Γ₀, N·m.
-    pub tau_null: SVector<f64, N>,
+    pub tau_null: Joints<N>,
     /// Desired pose of E.
     pub X_BE_d: Pose,
     /// Desired twist of E.
-    pub V_BE_d: Vector6<f64>,
+    pub V_BE_d: Vector6,
     /// Pose error of E, `[p_d − p; log(R_d Rᵀ)]`.
-    pub error: Vector6<f64>,
+    pub error: Vector6,
     /// The path's own clock, s.
     pub path_time_s: f64,
     /// Its speed against real time.
@@ -327,7 +321,7 @@ pub struct Plan<const N: usize> {
     /// Place of the singularity in the report.
     pub place: usize,
     /// How far each joint will move, rad.
-    pub by: SVector<f64, N>,
+    pub by: Joints<N>,
     /// How long it will take, s.
     pub duration_s: f64,
 }

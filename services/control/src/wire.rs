@@ -1,31 +1,13 @@
 //! Messages from values and back: shared by the analyzer's and the controller's cycle.
 
+use crate::linear::{Matrix3, Vector3, Vector6};
 use crate::types::{Class, Command, Kind, Report, Singularity};
 use model::{joints, padded};
-use nalgebra::{Matrix3, Vector3, Vector6};
 use shared_types::wire::Part;
 use shared_types::{
     ControlState, Header, MAX_DOF, MAX_SINGULARITIES, SingularityReport, SingularityState,
     TorqueCommand,
 };
-
-/// Why a report cannot be read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum Unreadable {
-    /// A code has no name.
-    #[error(
-        "singularity {place}: code {code} has no name: the sender speaks another version of the wire"
-    )]
-    Code {
-        /// Place in the report.
-        place: usize,
-        /// The code.
-        code: u32,
-    },
-    /// A number is a NaN or an infinity.
-    #[error("the report has a number that is not finite")]
-    NotFinite,
-}
 
 /// Fills the analyzer's message: everything but the header's stamps and incarnation.
 pub fn report_message<const N: usize>(tick: u64, report: &Report<N>, out: &mut SingularityReport) {
@@ -70,13 +52,10 @@ pub fn report_message<const N: usize>(tick: u64, report: &Report<N>, out: &mut S
     }
 }
 
-/// The report in a message.
-///
-/// # Errors
-/// [`Unreadable`] for a kind or a type without a name, and for a number that is not finite.
-pub fn report<const N: usize>(message: &SingularityReport) -> Result<Report<N>, Unreadable> {
+/// The report in a message; `None` where a kind or a type has no name, because the sender speaks another version of the wire, or a number is not finite.
+pub fn report<const N: usize>(message: &SingularityReport) -> Option<Report<N>> {
     if !message.is_finite() {
-        return Err(Unreadable::NotFinite);
+        return None;
     }
     let mut report = Report {
         rank: message.rank,
@@ -87,21 +66,10 @@ pub fn report<const N: usize>(message: &SingularityReport) -> Result<Report<N>, 
         count: (message.count as usize).min(MAX_SINGULARITIES),
         singularities: [Singularity::none(); MAX_SINGULARITIES],
     };
-    for (place, (out, s)) in report
-        .singularities
-        .iter_mut()
-        .zip(&message.singularities)
-        .enumerate()
-    {
+    for (out, s) in report.singularities.iter_mut().zip(&message.singularities) {
         *out = Singularity {
-            kind: Kind::from_code(s.kind).ok_or(Unreadable::Code {
-                place,
-                code: s.kind,
-            })?,
-            class: Class::from_code(s.class).ok_or(Unreadable::Code {
-                place,
-                code: s.class,
-            })?,
+            kind: Kind::from_code(s.kind)?,
+            class: Class::from_code(s.class)?,
             inside: s.inside != 0,
             angular: s.angular != 0,
             s: s.s,
@@ -120,35 +88,7 @@ pub fn report<const N: usize>(message: &SingularityReport) -> Result<Report<N>, 
             kappa_2: s.kappa_2,
         };
     }
-    Ok(report)
-}
-
-/// Whether [`report`] would read the message of this report: its numbers are finite.
-///
-/// Requires nothing in places that are not in use.
-#[must_use]
-#[inline]
-pub fn is_readable<const N: usize>(report: &Report<N>) -> bool {
-    let Report {
-        det,
-        manipulability,
-        length_m,
-        p_BC,
-        ..
-    } = report;
-    // As of a message: without an early exit.
-    let known = [*det, *manipulability, *length_m, p_BC.x, p_BC.y, p_BC.z];
-    report.listed().iter().fold(known.is_finite(), |finite, s| {
-        let numbers = [
-            s.s, s.s_rate, s.eta_in, s.eta_out, s.gain, s.aux, s.aux_rate, s.aux_bias, s.kappa_1,
-            s.kappa_2,
-        ];
-        finite
-            & numbers.is_finite()
-            & s.zeta_B.data.0.is_finite()
-            & s.R_BS.data.0.is_finite()
-            & s.aux_row.data.0.is_finite()
-    })
+    Some(report)
 }
 
 /// Fills the controller's messages: everything but the headers' stamps and incarnation.
@@ -195,25 +135,25 @@ pub fn command_messages<const N: usize>(
     };
 }
 
-fn column_major(R: &Matrix3<f64>) -> [f64; 9] {
+fn column_major(R: &Matrix3) -> [f64; 9] {
     std::array::from_fn(|i| R[i])
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::linear::Joints;
     use crate::singularity::analyzer::Analyzer;
     use crate::testing::{posture, puma, robot};
-    use nalgebra::SVector;
     use proptest::prelude::*;
     use shared_types::scenario::Analysis;
 
     proptest! {
         #[test]
         fn a_report_survives_the_wire(q in posture(puma())) {
-            let terms = puma().evaluate(&q, &SVector::zeros());
+            let terms = puma().evaluate(&q, &Joints::zeros());
             let mut analyzer = Analyzer::<6>::new(robot("puma560"), &Analysis::default());
-            let sent = analyzer.step(&q, &SVector::zeros(), &terms);
+            let sent = analyzer.step(&q, &Joints::zeros(), &terms);
             let mut message = SingularityReport::default();
             report_message(7, &sent, &mut message);
             prop_assert_eq!(report::<6>(&message).unwrap(), sent);
@@ -221,41 +161,12 @@ mod tests {
     }
 
     #[test]
-    fn a_number_that_is_not_finite_is_refused_wherever_it_is() {
-        for number in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
-            let mut messages = [SingularityReport::default(); 5];
-            messages[0].manipulability = number;
-            messages[1].p_BC[2] = number;
-            messages[2].singularities[MAX_SINGULARITIES - 1].gain = number;
-            messages[3].singularities[0].zeta_B[3] = number;
-            messages[4].singularities[1].aux_row[MAX_DOF - 1] = number;
-            messages
-                .iter()
-                .for_each(|message| assert_eq!(report::<6>(message), Err(Unreadable::NotFinite)));
-
-            let good = Report {
-                count: 2,
-                ..report::<6>(&SingularityReport::default()).unwrap()
-            };
-            let mut reports = [good; 6];
-            reports[0].det = number;
-            reports[1].p_BC[2] = number;
-            reports[2].singularities[1].gain = number;
-            reports[3].singularities[0].zeta_B[3] = number;
-            reports[4].singularities[1].aux_row[5] = number;
-            reports[5].singularities[0].R_BS[8] = number;
-            assert!(is_readable(&good) && !reports.iter().any(is_readable));
-        }
-        assert!(report::<6>(&SingularityReport::default()).is_ok());
-    }
-
-    #[test]
-    fn a_code_of_another_version_is_refused() {
-        let mut message = SingularityReport::default();
-        message.singularities[2].class = 77;
-        assert_eq!(
-            report::<6>(&message),
-            Err(Unreadable::Code { place: 2, code: 77 })
-        );
+    fn a_number_that_is_not_finite_and_a_code_of_another_version_are_refused() {
+        let mut messages = [SingularityReport::default(); 4];
+        messages[0].singularities[MAX_SINGULARITIES - 1].gain = f64::NAN;
+        messages[1].singularities[2].class = 77;
+        messages[2].singularities[0].kind = 77;
+        assert!(messages[..3].iter().all(|one| report::<6>(one).is_none()));
+        assert!(report::<6>(&messages[3]).is_some());
     }
 }

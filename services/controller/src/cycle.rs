@@ -1,8 +1,8 @@
 //! The controller's pure step: torque from the estimated state and its singularity report.
 
+use control::linear::{Joints, is_finite};
 use control::{Controller, Refusal, SetupError, start_posture, wire};
 use model::{LastTerms, Model, Robot, embedded, stack};
-use nalgebra::SVector;
 use process::{Damaged, Flow, Inputs, Outputs, Port, Process, Snapshot};
 use shared_types::scenario::Scenario;
 use shared_types::{
@@ -43,7 +43,7 @@ impl<const N: usize> Cycle<N> {
     }
 
     /// Position, velocity and disturbance torque of the arm's own joints.
-    fn own(&self, estimate: &StateEstimate) -> [SVector<f64, N>; 3] {
+    fn own(&self, estimate: &StateEstimate) -> [Joints<N>; 3] {
         [&estimate.q, &estimate.qdot, &estimate.tau_disturbance]
             .map(|values| embedded::<N>(&values[..self.dof]))
     }
@@ -65,12 +65,10 @@ impl<const N: usize> Cycle<N> {
         } = *read;
         let wrist = wrist.map(|wrist| stack(&wrist.force_n.into(), &wrist.torque_nm.into()));
         let (tick, [q, qdot, tau_disturbance]) = (estimate.header.tick, self.own(estimate));
-        let is_state = [&q, &qdot]
-            .iter()
-            .all(|values| values.iter().all(|x| x.is_finite()));
+        let is_state = is_finite(&q) && is_finite(&qdot);
         let terms = is_state.then(|| last.at(&self.model, &q, &qdot));
         let command = match wire::report(report) {
-            Ok(report) => law.step(&control::Inputs {
+            Some(report) => law.step(&control::Inputs {
                 tick,
                 q: &q,
                 qdot: &qdot,
@@ -80,7 +78,7 @@ impl<const N: usize> Cycle<N> {
                 terms,
                 target: target.map(|target| &target.target),
             }),
-            Err(_) => law.refuse(&q, &qdot, Refusal::Report),
+            None => law.refuse(&q, &qdot, Refusal::Report),
         };
         wire::command_messages(tick, &command, out.state, out.torque);
         out.torque.tau[self.dof..].fill(0.0);

@@ -1,8 +1,7 @@
 //! A PUMA's lengths, and its closed-form inverse kinematics.
 
-use control::linear::{rotation_exp, rotation_log, sign, wrap_angle};
-use model::{Model, Pose, Terms};
-use nalgebra::{Matrix3, SVector, Vector3};
+use control::linear::{Joints, Matrix3, Vector3, rotation_exp, rotation_log, wrap_angle};
+use model::{Model, Pose};
 
 /// The lengths that the factors need, modified DH with Craig's zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,7 +16,6 @@ pub(crate) struct PumaLengths {
 
 impl PumaLengths {
     /// From the DH lengths, m.
-    #[must_use]
     pub(crate) fn new(a2: f64, a3: f64, d4: f64) -> Self {
         Self {
             a2,
@@ -27,118 +25,60 @@ impl PumaLengths {
     }
 
     /// Elbow angle from full stretch, (−π, π].
-    #[must_use]
     pub(crate) fn theta(&self, q3: f64) -> f64 {
         wrap_angle(q3 - self.q3_stretched)
     }
 }
 
-/// The first three joints' inverse kinematics, on the sides of shoulder and elbow where the arm is. Frame base axes; m, rad.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Forearm {
-    puma: PumaLengths,
-    /// Base axes with the arm's plane as x, z2 as y and the waist axis as z: rows.
-    axes: Matrix3<f64>,
-    shoulder: Vector3<f64>,
-    /// Distance of the arm's plane from the waist axis, m.
-    offset: f64,
-    /// Sides of shoulder and elbow, ±1.
-    sides: [f64; 2],
-}
-
-/// The forearm at one place of the wrist centre.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct PlacedForearm {
-    /// Turn of the waist from where it is now, q2 and θ, rad.
-    pub(crate) angles: [f64; 3],
-    /// Whether the place is within reach.
-    pub(crate) within_reach: bool,
-}
-
-impl Forearm {
-    /// The forearm of the posture in `terms`, wrist centre at `p_C`, base axes, m.
-    #[must_use]
-    pub(crate) fn new<const N: usize>(
-        puma: &PumaLengths,
-        q: &SVector<f64, N>,
-        terms: &Terms<N>,
-        p_C: &Vector3<f64>,
-    ) -> Self {
-        let (z1, z2) = (terms.z[0], terms.z[1]);
-        let x = z2.cross(&z1);
-        // The point at which the waist axis meets the shoulder axis.
-        let S = terms.p[0] + z1 * (terms.p[1] - terms.p[0]).dot(&z1);
-        let p = p_C - S;
-        let sides = [sign(p.dot(&x) >= 0.0), sign(puma.theta(q[2]) >= 0.0)];
-        Self {
-            puma: *puma,
-            axes: Matrix3::from_rows(&[x.transpose(), z2.transpose(), z1.transpose()]),
-            shoulder: S,
-            offset: p.dot(&z2),
-            sides,
-        }
-    }
-
-    /// The forearm for a place of the wrist centre.
-    ///
-    /// Units m · Frame `p` in base axes, from the base's origin · Ensures finite angles: a place beyond reach is moved to the boundary, which
-    /// `within_reach` of the result tells · Errors none · Cost O(1), no allocation
-    #[must_use]
-    pub(crate) fn at(&self, p: &Vector3<f64>) -> PlacedForearm {
-        let [a2, L3, d] = [self.puma.a2, self.puma.L3, self.offset];
-        let p = self.axes * (p - self.shoulder);
-        let r2 = p.x * p.x + p.y * p.y;
-        let R = self.sides[0] * (r2 - d * d).max(0.0).sqrt();
-        let turn = wrap_angle(libm::atan2(p.y, p.x) - libm::atan2(d, R));
-        let needed = (R * R + p.z * p.z - a2 * a2 - L3 * L3) / (2.0 * a2 * L3);
-        let cos = needed.clamp(-1.0, 1.0);
-        let theta = self.sides[1] * libm::acos(cos);
-        let (K, M) = (
-            a2 + L3 * cos,
-            -L3 * self.sides[1] * (1.0 - cos * cos).sqrt(),
-        );
-        let q2 = libm::atan2(R * M - p.z * K, R * K + p.z * M);
-        // A place exactly on the boundary is within reach: rounding is not a distance.
-        let within_reach = r2 >= d * d - 1e-12 && needed.abs() <= 1.0 + 1e-12;
-        PlacedForearm {
-            angles: [turn, q2, theta],
-            within_reach,
-        }
-    }
-
-    /// The same on chosen sides of shoulder and elbow, ±1.
-    #[must_use]
-    pub(crate) fn on(&self, sides: [f64; 2]) -> Self {
-        Self { sides, ..*self }
-    }
-}
-
-/// Closed-form inverse kinematics of a PUMA at its wrist centre.
+/// Closed-form inverse kinematics of a PUMA at its wrist centre. Frame base axes; m, rad.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PumaInverse<'a> {
     /// The arm.
     pub(crate) model: &'a Model<6>,
     /// Its lengths.
     pub(crate) lengths: PumaLengths,
-    /// The first three joints, from the posture q = 0.
-    forearm: Forearm,
+    /// Base axes with the arm's plane in the posture q = 0 as x, z2 as y and the waist axis as z: rows.
+    axes: Matrix3,
+    shoulder: Vector3,
+    /// Distance of the arm's plane from the waist axis, m.
+    offset: f64,
 }
 
 impl<'a> PumaInverse<'a> {
     /// The inverse kinematics of `model`, whose frame E is at the wrist centre.
-    #[must_use]
     pub(crate) fn new(model: &'a Model<6>, lengths: PumaLengths) -> Self {
-        let zero = SVector::zeros();
-        let terms = model.evaluate(&zero, &zero);
+        let terms = model.evaluate(&Joints::zeros(), &Joints::zeros());
+        let (z1, z2) = (terms.z[0], terms.z[1]);
+        let x = z2.cross(&z1);
+        // The point at which the waist axis meets the shoulder axis.
+        let S = terms.p[0] + z1 * (terms.p[1] - terms.p[0]).dot(&z1);
         Self {
             model,
             lengths,
-            forearm: Forearm::new(&lengths, &zero, &terms, &terms.p[4]),
+            axes: Matrix3::from_rows(&[x.transpose(), z2.transpose(), z1.transpose()]),
+            shoulder: S,
+            offset: (terms.p[4] - S).dot(&z2),
         }
     }
 
+    /// The first three joints, rad, that put the wrist centre at `p`, m, on these sides of shoulder and elbow, ±1; `None` beyond reach.
+    fn forearm(&self, p: &Vector3, [shoulder, elbow]: [f64; 2]) -> Option<[f64; 3]> {
+        let [a2, L3, d] = [self.lengths.a2, self.lengths.L3, self.offset];
+        let p = self.axes * (p - self.shoulder);
+        let r2 = p.x * p.x + p.y * p.y;
+        let R = shoulder * (r2 - d * d).max(0.0).sqrt();
+        let q1 = wrap_angle(libm::atan2(p.y, p.x) - libm::atan2(d, R));
+        let needed = (R * R + p.z * p.z - a2 * a2 - L3 * L3) / (2.0 * a2 * L3);
+        let cos = needed.clamp(-1.0, 1.0);
+        let (K, M) = (a2 + L3 * cos, -L3 * elbow * (1.0 - cos * cos).sqrt());
+        let q2 = libm::atan2(R * M - p.z * K, R * K + p.z * M);
+        let q3 = self.lengths.q3_stretched + elbow * libm::acos(cos);
+        // A place exactly on the boundary is within reach: rounding is not a distance.
+        let is_within = r2 >= d * d - 1e-12 && needed.abs() <= 1.0 + 1e-12;
+        is_within.then_some([q1, q2, q3])
+    }
+
     /// q2 that puts the wrist centre at in-plane radius `R`, from the elbow's angle, on the side where `q2` is; `None` beyond reach.
-    #[must_use]
     pub(crate) fn shoulder_for(&self, q2: f64, q3: f64, R: f64) -> Option<f64> {
         let (sin, cos) = libm::sincos(self.lengths.theta(q3));
         let (K, M) = (
@@ -161,42 +101,22 @@ impl<'a> PumaInverse<'a> {
     }
 
     /// All postures of a pose within the joint limits.
-    pub(crate) fn all(
-        &self,
-        X: &Pose,
-        near: &SVector<f64, 6>,
-    ) -> impl Iterator<Item = SVector<f64, 6>> {
-        let (q_near, X, inverse) = (*near, *X, *self);
+    pub(crate) fn all(&self, X: &Pose, near: &Joints<6>) -> impl Iterator<Item = Joints<6>> {
+        let (near, X, inverse) = (*near, *X, *self);
         [[1.0, 1.0], [-1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]]
             .into_iter()
-            .flat_map(move |sides| {
-                let placed = inverse.forearm.on(sides).at(&X.p);
-                let mut q = SVector::<f64, 6>::zeros();
-                (q[0], q[1], q[2]) = (
-                    placed.angles[0],
-                    placed.angles[1],
-                    inverse.lengths.q3_stretched + placed.angles[2],
-                );
-                let flips = if placed.within_reach {
-                    &[1.0, -1.0][..]
-                } else {
-                    &[]
-                };
-                flips
-                    .iter()
-                    .filter_map(move |flip| inverse.wrist(q, &X, *flip, &q_near))
+            .filter_map(move |sides| inverse.forearm(&X.p, sides))
+            .flat_map(move |[q1, q2, q3]| {
+                let q = Joints::from([q1, q2, q3, 0.0, 0.0, 0.0]);
+                [1.0, -1.0]
+                    .into_iter()
+                    .filter_map(move |flip| inverse.wrist(q, &X, flip, &near))
             })
     }
 
     /// The wrist's three angles, each brought within its limits near `near`.
-    fn wrist(
-        &self,
-        mut q: SVector<f64, 6>,
-        X: &Pose,
-        flip: f64,
-        near: &SVector<f64, 6>,
-    ) -> Option<SVector<f64, 6>> {
-        let terms = self.model.evaluate(&q, &SVector::zeros());
+    fn wrist(&self, mut q: Joints<6>, X: &Pose, flip: f64, near: &Joints<6>) -> Option<Joints<6>> {
+        let terms = self.model.evaluate(&q, &Joints::zeros());
         let (z4, z5, z6) = (
             terms.z[3],
             terms.z[4],
@@ -210,7 +130,7 @@ impl<'a> PumaInverse<'a> {
         };
         q[3] = libm::atan2(z4.dot(&z5.cross(&axis)), z5.dot(&axis));
         q[4] = libm::atan2(w.dot(&axis), z4.dot(&z6));
-        let rest = self.model.evaluate(&q, &SVector::zeros());
+        let rest = self.model.evaluate(&q, &Joints::zeros());
         let roll = rotation_log(&(rest.X_BE.R.transpose() * X.R));
         q[5] = (rest.X_BE.R * roll).dot(&rest.z[5]);
         for i in 0..6 {
@@ -226,9 +146,8 @@ impl<'a> PumaInverse<'a> {
     }
 
     /// The posture nearest to `near`.
-    #[must_use]
-    pub(crate) fn nearest(&self, X: &Pose, near: &SVector<f64, 6>) -> Option<SVector<f64, 6>> {
-        let distance = |q: &SVector<f64, 6>| (q - near).norm_squared();
+    pub(crate) fn nearest(&self, X: &Pose, near: &Joints<6>) -> Option<Joints<6>> {
+        let distance = |q: &Joints<6>| (q - near).norm_squared();
         self.all(X, near)
             .min_by(|a, b| distance(a).total_cmp(&distance(b)))
     }
@@ -250,9 +169,8 @@ mod tests {
         let (lower, upper) = (model.lower(), model.upper());
         let inverse = PumaInverse::new(&model, PumaLengths::new(a2, a3, d4));
         for _ in 0..100 {
-            let q = SVector::<f64, 6>::from_fn(|i, _| {
-                random.within(lower[i].max(-3.1), upper[i].min(3.1))
-            });
+            let q =
+                Joints::<6>::from_fn(|i, _| random.within(lower[i].max(-3.1), upper[i].min(3.1)));
             let X = model.forward_kinematics(&q);
             for found in inverse.all(&X, &q) {
                 let Y = model.forward_kinematics(&found);

@@ -10,10 +10,9 @@
 mod inverse;
 
 use control::Kind;
-use control::linear::rotation_exp;
+use control::linear::{Joints, Vector3, rotation_exp};
 use inverse::{PumaInverse, PumaLengths};
 use model::{Factors, Model, Pose, Robot};
-use nalgebra::{SVector, Vector3};
 use shared_types::random::Uniform;
 use shared_types::scenario::{Scenario, Segment, Start};
 
@@ -67,11 +66,11 @@ pub fn lines(robot: &Robot, template: &Scenario, seed: u64, count: usize, speed:
 
 /// A posture at or near a singularity, and the line to go through it.
 struct Through {
-    q: SVector<f64, 6>,
+    q: Joints<6>,
     /// The line's direction, unit.
-    along: Vector3<f64>,
+    along: Vector3,
     /// The rotation from its beginning to its end, rad.
-    turn: Vector3<f64>,
+    turn: Vector3,
     length_m: f64,
     /// Where on the line the posture is, 0 to 1.
     share: f64,
@@ -86,7 +85,7 @@ impl Through {
         random: &mut Uniform,
     ) -> Option<Self> {
         let model = inverse.model;
-        let mut q = SVector::<f64, 6>::from_fn(|i, _| {
+        let mut q = Joints::<6>::from_fn(|i, _| {
             let (low, high) = (model.lower()[i], model.upper()[i]);
             let middle = 0.5 * (low + high);
             random.within(
@@ -187,7 +186,7 @@ pub fn straight(template: &Scenario, q: Vec<f64>, goal: &Pose, duration_s: f64) 
 
 /// The posture that continues `near`; a wrist may turn fast, but jump only where it passes its singularity so closely that it could as well go straight
 /// through: near misses are what singularities are about.
-fn next(inverse: &PumaInverse<'_>, X: &Pose, near: &SVector<f64, 6>) -> Option<SVector<f64, 6>> {
+fn next(inverse: &PumaInverse<'_>, X: &Pose, near: &Joints<6>) -> Option<Joints<6>> {
     let found = inverse.nearest(X, near)?;
     let jump = (found - near).abs();
     let near_miss = found[4].abs().max(near[4].abs()) < NEAR_MISS;
@@ -195,7 +194,7 @@ fn next(inverse: &PumaInverse<'_>, X: &Pose, near: &SVector<f64, 6>) -> Option<S
 }
 
 /// A unit vector, uniform on the sphere.
-pub fn direction(random: &mut Uniform) -> Vector3<f64> {
+pub fn direction(random: &mut Uniform) -> Vector3 {
     loop {
         let v = Vector3::from_fn(|_, _| random.within(-1.0, 1.0));
         if (0.1..1.0).contains(&v.norm()) {

@@ -42,7 +42,7 @@ pub fn validation(bytes: &[u8]) {
     }
     topics::each(&mut CheckEach(bytes));
     let report: SingularityReport = Bytes(bytes).next();
-    if let Ok(read) = control::wire::report::<6>(&report) {
+    if let Some(read) = control::wire::report::<6>(&report) {
         assert!(read.count <= shared_types::MAX_SINGULARITIES);
     }
 }

@@ -9,14 +9,14 @@
 //! Beyond the description, in its favour: J̇q̇, gravity and Coriolis are compensated, the error is bounded, and the path has our governor.
 
 use super::Arm;
-use super::resolved_rate::{Inverse, JointMemory, scale};
+use super::resolved_rate::{Inverse, JointMemory};
 use crate::law::Torques;
 use crate::limits::Parts;
-use crate::linear::{rotation_log, sign, stack, symmetric_eigen};
+use crate::linear::{Jacobian, Joints, Vector6, rotation_log, sign, stack, symmetric_eigen};
 use crate::reference::bounded;
 use crate::types::Refusal;
-use model::{Model, Pose};
-use nalgebra::{Cholesky, Const, SMatrix, SVector, Vector6};
+use model::{Model, Pose, TaskAxes, unit_scaled};
+use nalgebra::{Cholesky, Const, SMatrix, SVector};
 use shared_types::scenario::Damping;
 
 /// Step along the null motion by which a singularity is classified, rad.
@@ -34,7 +34,7 @@ fn sorted<const M: usize>(S: &SMatrix<f64, M, M>) -> (SVector<f64, M>, SMatrix<f
     let mut order: [usize; M] = std::array::from_fn(|i| i);
     order.sort_unstable_by(|a, b| values[*b].total_cmp(&values[*a]));
     (
-        SVector::from_fn(|i, _| values[order[i]]),
+        Joints::from_fn(|i, _| values[order[i]]),
         SMatrix::from_fn(|i, j| vectors[(i, order[j])]),
     )
 }
@@ -42,7 +42,7 @@ fn sorted<const M: usize>(S: &SMatrix<f64, M, M>) -> (SVector<f64, M>, SMatrix<f
 /// Λ and J̄ of those rows of J that are used: the others are zero, and one on the diagonal keeps a single size for every rank.
 fn operational<const N: usize>(
     A: &Cholesky<f64, Const<N>>,
-    J: &SMatrix<f64, 6, N>,
+    J: &Jacobian<N>,
     used: impl Fn(usize) -> bool,
 ) -> Option<(SMatrix<f64, 6, 6>, SMatrix<f64, N, 6>)> {
     let Ainv_Jt = A.solve(&J.transpose());
@@ -56,8 +56,8 @@ fn operational<const N: usize>(
 
 /// The directions of the task by their singular values, largest first.
 struct Split<const N: usize> {
-    J: SMatrix<f64, 6, N>,
-    values: Vector6<f64>,
+    J: Jacobian<N>,
+    values: Vector6,
     U: SMatrix<f64, 6, 6>,
     V: SMatrix<f64, N, N>,
     /// How many are regular, and how many there are.
@@ -67,7 +67,7 @@ struct Split<const N: usize> {
 
 impl<const N: usize> Split<N> {
     /// Those whose value is less than the share `bound` of the largest are singular.
-    fn new(J: SMatrix<f64, 6, N>, axes: usize, bound: f64) -> Self {
+    fn new(J: Jacobian<N>, axes: usize, bound: f64) -> Self {
         let (values, U) = sorted(&(J * J.transpose()));
         let (_, V) = sorted(&(J.transpose() * J));
         let mut split = Self {
@@ -116,8 +116,8 @@ pub(crate) fn torques<const N: usize>(
     } = *arm;
     let (terms, task) = (now.terms, &setup.task);
     let [low, high] = setup.scenario.control.baseline.hold_and_blend.blend;
-    let axes = task.iter().filter(|axis| **axis).count().min(N);
-    let split = Split::new(scale(&terms.J, task, 1.0), axes, high);
+    let axes = TaskAxes(*task).count().min(N);
+    let split = Split::new(unit_scaled(&terms.J, 1.0, task), axes, high);
     let relative = relative(arm);
     let A = Cholesky::new(terms.A).ok_or(Refusal::Singular)?;
     let T_ns = split.rows(|i| split.is_regular(i));
@@ -125,7 +125,7 @@ pub(crate) fn torques<const N: usize>(
     let (Lambda_ns, Jbar_ns) =
         operational(&A, &J_ns, |i| split.is_regular(i)).ok_or(Refusal::Singular)?;
     let mut rest = J_ns.transpose() * (Lambda_ns * (T_ns * relative));
-    let mut null = SVector::zeros();
+    let mut null = Joints::zeros();
     if split.regular == axes {
         (memory.holding, memory.votes) = (false, 0.0);
     } else {
@@ -141,18 +141,18 @@ pub(crate) fn torques<const N: usize>(
         {
             let torque = J_s.transpose() * (Lambda_s * (T_s * relative));
             let effort = setup.model.effort();
-            rest += SVector::from_fn(|i, _| torque[i].clamp(-effort[i], effort[i])) * alpha;
+            rest += Joints::from_fn(|i, _| torque[i].clamp(-effort[i], effort[i])) * alpha;
         }
     }
     let sharp = Inverse::Damped(Damping {
         onset: 0.08,
         largest: 0.06,
     })
-    .of(&scale(&now.at.J, task, setup.length_m));
-    let scaled = |x: &Vector6<f64>| scale(x, task, setup.length_m);
+    .of(&unit_scaled(&now.at.J, setup.length_m, task));
+    let scaled = |x: &Vector6| unit_scaled(x, setup.length_m, task);
     Ok(Torques {
         parts: Parts {
-            path: SVector::zeros(),
+            path: Joints::zeros(),
             rest,
             null,
         },
@@ -162,19 +162,19 @@ pub(crate) fn torques<const N: usize>(
 }
 
 /// The pose error from the end-effector to a pose, `[p − p_E; log(R R_Eᵀ)]`.
-fn error_to(X_BE: &Pose, X: &Pose) -> Vector6<f64> {
+fn error_to(X_BE: &Pose, X: &Pose) -> Vector6 {
     stack(&(X.p - X_BE.p), &rotation_log(&(X.R * X_BE.R.transpose())))
 }
 
 /// a − J̇q̇ on the task's axes.
-fn relative<const N: usize>(arm: &Arm<'_, N>) -> Vector6<f64> {
+fn relative<const N: usize>(arm: &Arm<'_, N>) -> Vector6 {
     let (setup, now, control) = (arm.setup, arm.now, &arm.setup.scenario.control);
     let terms = now.terms;
     let desired = arm.motion.desired.at(&-now.p_EC);
     let error = error_to(&terms.X_BE, &desired.pose());
     let a =
         desired.a + (desired.V - terms.J * now.qdot) * control.k_v + bounded(&error) * control.k_p;
-    scale(&(a - terms.Jdot_qdot), &setup.task, 1.0)
+    unit_scaled(&(a - terms.Jdot_qdot), 1.0, &setup.task)
 }
 
 /// Votes on the type of the singularity; the joints are held where they were at entry, or when the votes for Type 2 were last more.
@@ -198,24 +198,24 @@ fn joint_strategy<const N: usize>(
     memory: &mut JointMemory<N>,
     A: &Cholesky<f64, Const<N>>,
     free: &SMatrix<f64, N, N>,
-    relative: &Vector6<f64>,
-) -> SVector<f64, N> {
+    relative: &Vector6,
+) -> Joints<N> {
     let (model, now) = (&arm.setup.model, arm.now);
     let tuned = &arm.setup.scenario.control.baseline.hold_and_blend;
-    let V_t = SMatrix::<f64, 6, N>::from_fn(|i, j| match split.is_singular(i) {
+    let V_t = Jacobian::<N>::from_fn(|i, j| match split.is_singular(i) {
         true => split.V[(j, i)],
         false => 0.0,
     });
     let J_joint = V_t * free;
     let Some((Lambda_joint, _)) = operational(A, &J_joint, |i| split.is_singular(i)) else {
-        return SVector::zeros();
+        return Joints::zeros();
     };
     let wanted = if memory.votes > 0.0 {
         let hold = (memory.q - now.q) * tuned.hold_k_p - now.qdot * tuned.hold_k_v;
         Lambda_joint * (V_t * hold)
     } else {
         let asked = relative.dot(&split.U.column(split.regular)).abs() / relative.norm().max(1e-12);
-        let push = SVector::from_fn(|i, _| push(memory, now.q, model, i) * tuned.push * asked);
+        let push = Joints::from_fn(|i, _| push(memory, now.q, model, i) * tuned.push * asked);
         V_t * push - Lambda_joint * (V_t * now.qdot) * tuned.push_k_v
     };
     J_joint.transpose() * wanted
@@ -224,7 +224,7 @@ fn joint_strategy<const N: usize>(
 /// Torque limit of joint `i` with the sign of the open-loop torque, which turns round near a joint limit and stays so.
 fn push<const N: usize>(
     memory: &mut JointMemory<N>,
-    q: &SVector<f64, N>,
+    q: &Joints<N>,
     model: &Model<N>,
     i: usize,
 ) -> f64 {
@@ -256,10 +256,9 @@ mod tests {
     fn most_postures_count_as_nearly_singular() {
         let mut random = Uniform(1);
         let near = (0..4000).filter(|_| {
-            let q = SVector::<f64, 6>::from_fn(|i, _| {
-                random.within(puma().lower()[i], puma().upper()[i])
-            });
-            let J = puma().evaluate(&q, &SVector::zeros()).J;
+            let q =
+                Joints::<6>::from_fn(|i, _| random.within(puma().lower()[i], puma().upper()[i]));
+            let J = puma().evaluate(&q, &Joints::zeros()).J;
             let (values, _) = sorted(&(J * J.transpose()));
             values[5].max(0.0).sqrt() < 0.06 * values[0].sqrt()
         });

@@ -31,7 +31,7 @@ pub fn pseudo_inverse<const N: usize>(problem: &Problem<'_, N>) -> Result<Torque
     }
     let mut JJ_T: SMatrix<f64, N, N> = rows.J_T.tr_mul(&rows.J_T);
     (rows.count..N).for_each(|i| JJ_T[(i, i)] = 1.0);
-    let JJ_T = Cholesky::new(JJ_T).map_err(|_| Refusal::Singular)?;
+    let JJ_T = Cholesky::new(JJ_T)?;
     let Gamma_0 = null_torque(problem.A, &problem.grad_V_0, problem.k_vq, problem.qdot);
     torques.parts.null = Gamma_0 - rows.J_T * JJ_T.solve(&rows.J_T.tr_mul(&Gamma_0));
     Ok(torques)

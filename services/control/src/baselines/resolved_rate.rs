@@ -3,10 +3,11 @@
 use super::Arm;
 use crate::law::Torques;
 use crate::limits::Parts;
-use crate::linear::{displaced, rotation_log, stack, symmetric_eigen};
+use crate::linear::{Jacobian, Joints, Vector6, displaced, rotation_log, stack, symmetric_eigen};
 use crate::reference::bounded;
 use crate::types::Refusal;
-use nalgebra::{Matrix6, SMatrix, SVector, Vector6};
+use model::unit_scaled;
+use nalgebra::{Matrix6, SMatrix};
 use shared_types::scenario::{Control, Damping};
 
 /// Joint positions that a law remembers.
@@ -19,13 +20,12 @@ pub struct JointMemory<const N: usize> {
     /// Bit i: joint i is pushed downwards.
     pub reversed: u32,
     /// Positions held, or reference positions; rad.
-    pub q: SVector<f64, N>,
+    pub q: Joints<N>,
 }
 
 impl<const N: usize> JointMemory<N> {
     /// A reference at `q`.
-    #[must_use]
-    pub fn at(q: SVector<f64, N>) -> Self {
+    pub fn at(q: Joints<N>) -> Self {
         Self {
             holding: false,
             votes: 0.0,
@@ -49,7 +49,7 @@ impl Inverse {
     ///
     /// Damped: f = σ/(σ² + λ²), λ² = λ_max²(1 − w/w₀)² where w = √det JJᵀ < w₀ [Nakamura & Hanafusa 1986]. Truncated: f = 1/σ above the floor,
     /// else 0. From the eigenvectors of JJᵀ, 6×6, by Jacobi's method with a fixed number of sweeps.
-    pub(super) fn of<const N: usize>(self, J: &SMatrix<f64, 6, N>) -> SMatrix<f64, N, 6> {
+    pub(super) fn of<const N: usize>(self, J: &Jacobian<N>) -> SMatrix<f64, N, 6> {
         let (values, U) = symmetric_eigen(&(J * J.transpose()));
         let largest = values.max();
         let real = |value: f64| value > 1e-20 * largest.max(1e-30);
@@ -81,23 +81,6 @@ impl Inverse {
     }
 }
 
-/// The task's rows of a 6×N Jacobian or twist, linear ones divided by the arm's length; the other rows zero.
-pub(super) fn scale<const C: usize>(
-    rows: &SMatrix<f64, 6, C>,
-    task: &[bool; 6],
-    length_m: f64,
-) -> SMatrix<f64, 6, C> {
-    let mut out = *rows;
-    for (k, mut row) in out.row_iter_mut().enumerate() {
-        row *= if !task[k] {
-            0.0
-        } else {
-            [1.0 / length_m, 1.0][k / 3]
-        };
-    }
-    out
-}
-
 /// Resolved-rate control with a robust inverse: q̇_r = J^#(V_d + (k_p/k_v)e), q̈ = k_v(q̇_r − q̇) + J^#(a_d + (k_p/k_v)(V_d − V) − J̇q̇).
 ///
 /// The velocity level keeps joint motions outside the range of J^# from drifting.
@@ -115,8 +98,8 @@ pub(crate) fn resolved<const N: usize>(
         problem,
     } = *arm;
     let Control { k_p, k_v, .. } = setup.scenario.control;
-    let scaled = |x: &Vector6<f64>| scale(x, &setup.task, setup.length_m);
-    let sharp = inverse.of(&scale(&now.at.J, &setup.task, setup.length_m));
+    let scaled = |x: &Vector6| unit_scaled(x, setup.length_m, &setup.task);
+    let sharp = inverse.of(&unit_scaled(&now.at.J, setup.length_m, &setup.task));
     let (k, desired) = (k_p / k_v, &motion.desired);
     let rate = sharp * scaled(&(desired.V + bounded(&motion.error) * k));
     let V = now.at.J * now.qdot;
@@ -127,7 +110,7 @@ pub(crate) fn resolved<const N: usize>(
         parts: Parts {
             path,
             rest: problem.A * qddot - path,
-            null: SVector::zeros(),
+            null: Joints::zeros(),
         },
         qdot_nominal: sharp * scaled(&motion.V_nominal),
         qddot_path: sharp * scaled(&(motion.a_feed - now.at.Jdot_qdot)),
@@ -154,9 +137,9 @@ pub(crate) fn joint_pd<const N: usize>(
         &(desired.p - X.p - r),
         &rotation_log(&(desired.R * X.R.transpose())),
     );
-    let scaled = |x: &Vector6<f64>| scale(x, &setup.task, setup.length_m);
+    let scaled = |x: &Vector6| unit_scaled(x, setup.length_m, &setup.task);
     let inverse = Inverse::Damped(setup.scenario.control.baseline.joint_pd);
-    let sharp = inverse.of(&scale(&J, &setup.task, setup.length_m));
+    let sharp = inverse.of(&unit_scaled(&J, setup.length_m, &setup.task));
     let rate = sharp * scaled(&(desired.V + error * k_v));
     let feed = sharp * scaled(&(motion.a_feed - now.at.Jdot_qdot));
     let qddot = (memory.q - now.q) * k_p + (rate - now.qdot) * k_v + feed;

@@ -71,7 +71,6 @@ pub struct Demand {
 
 impl Demand {
     /// Operational control alone.
-    #[must_use]
     pub fn none() -> Self {
         Self {
             beta: 1.0,
@@ -140,7 +139,6 @@ impl Loop {
     }
 
     /// Whether this singularity takes part in the solve.
-    #[must_use]
     #[inline]
     pub fn engaged(&self) -> bool {
         self.mode != Mode::Regular
@@ -195,7 +193,7 @@ impl Loop {
         let beta = if is_hard {
             0.0
         } else {
-            s.neighborhood().openness(s.s) * self.trust
+            s.openness(s.s) * self.trust
         };
         Demand {
             beta,

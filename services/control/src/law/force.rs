@@ -25,7 +25,9 @@
 
 use crate::centre::PoseMotion;
 use crate::controller::Setup;
-use crate::linear::{angular, linear, rotation_exp, smoothstep, stack};
+use crate::linear::{
+    Joints, Matrix3, Vector3, Vector6, angular, linear, rotation_exp, smoothstep, stack,
+};
 use crate::paper::operational_space::Cholesky;
 use crate::reference::free_axis::rotation_error;
 use crate::reference::path::{Path, Progress};
@@ -33,7 +35,6 @@ use crate::state::State;
 use crate::tick::{Motion, Now};
 use crate::types::{Refusal, Report};
 use model::{Pose, Terms};
-use nalgebra::{Matrix3, SVector, Vector3, Vector6};
 use shared_types::TargetContent;
 use shared_types::checkpoints::ForceCheckpoint;
 use shared_types::codes::FRAME_HAND;
@@ -101,16 +102,13 @@ struct Wanted {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Press<'a> {
     /// On which terms.
-    terms: &'a Force,
+    wanted: &'a Wanted,
     /// Set-point, N.
     pub(crate) newtons: f64,
     /// Direction, base axes.
-    pub(crate) e: Vector3<f64>,
-    /// Axes of the moments, base axes, zero beyond their number, and the set-points, N·m.
-    about: [Vector3<f64>; MOMENTS],
-    newton_metres: [f64; MOMENTS],
-    /// Radius of the hand's face, m; zero: it touches with a point.
-    face_m: f64,
+    pub(crate) e: Vector3,
+    /// Axes of the moments, base axes, zero beyond their number.
+    about: [Vector3; MOMENTS],
 }
 
 /// How far a segment's force is.
@@ -138,9 +136,9 @@ pub(crate) struct Pressing {
     set_n: f64,
     felt_n: f64,
     /// Direction of the tick before, base axes.
-    e: Vector3<f64>,
+    e: Vector3,
     /// The newest wrench of the wrist's sensor about E, base axes; of a steered run without one the observer's; N, N·m.
-    pub(crate) wrist: Vector6<f64>,
+    pub(crate) wrist: Vector6,
     /// Along the force.
     along: Compliance,
     /// About the axes of the moments, and whether the hand gives way about them: from its first contact on.
@@ -226,7 +224,7 @@ impl Tuning {
             stiffness_n_m,
             approach_m_s,
             ..
-        } = press.terms;
+        } = press.wanted.force;
         let gentle = std::f64::consts::E * self.omega * press.newtons / stiffness_n_m;
         approach_m_s.min(gentle)
     }
@@ -242,18 +240,16 @@ struct Felt {
 
 impl Wanted {
     /// So many newtons along a direction, and the moments, for a hand that is turned by `R_BE`; `None` of no force.
-    fn press(&self, newtons: f64, direction: Direction, R_BE: &Matrix3<f64>) -> Option<Press<'_>> {
+    fn press(&self, newtons: f64, direction: Direction, R_BE: &Matrix3) -> Option<Press<'_>> {
         let turned = |(axis, of_tool): Direction| match of_tool {
             true => R_BE * Vector3::from(axis),
             false => axis.into(),
         };
         (newtons > 0.0).then(|| Press {
-            terms: &self.force,
+            wanted: self,
             newtons,
             e: turned(direction),
             about: self.moments.map(|(axis, _)| turned(axis)),
-            newton_metres: self.moments.map(|(_, newton_metres)| newton_metres),
-            face_m: self.face_m,
         })
     }
 }
@@ -297,17 +293,13 @@ impl Forces {
     }
 
     /// The force of a leg, and its direction for a hand that is turned by `R_BE`.
-    pub(crate) fn at(&self, leg: usize, R_BE: &Matrix3<f64>) -> Option<Press<'_>> {
+    pub(crate) fn at(&self, leg: usize, R_BE: &Matrix3) -> Option<Press<'_>> {
         let wanted = self.0.get(leg)?.as_ref()?;
         wanted.press(wanted.force.newtons, wanted.direction, R_BE)
     }
 
     /// The force of a target, for a hand that is turned by `R_BE`; `None`: it has none, or there is nothing to press on.
-    pub(crate) fn of_target(
-        &self,
-        target: &TargetContent,
-        R_BE: &Matrix3<f64>,
-    ) -> Option<Press<'_>> {
+    pub(crate) fn of_target(&self, target: &TargetContent, R_BE: &Matrix3) -> Option<Press<'_>> {
         let force = Vector3::from(target.force);
         let newtons = force.norm();
         let direction = ((force / newtons).into(), target.force_frame == FRAME_HAND);
@@ -349,7 +341,7 @@ impl Forces {
         let Some(press) = self.press(state, now) else {
             return;
         };
-        let own = |V: Vector6<f64>| V - press.across(&V);
+        let own = |V: Vector6| V - press.across(&V);
         desired.p += press.along(&(terms.X_BE.p - desired.p));
         desired.R = press.turned(&desired.R, &terms.X_BE.R);
         desired.V += own(terms.J * qdot - desired.V);
@@ -379,14 +371,15 @@ impl Forces {
         &self,
         target: &TargetContent,
         terms: &Terms<N>,
-        effort: &SVector<f64, N>,
+        effort: &Joints<N>,
         dt: f64,
     ) -> bool {
         self.of_target(target, &terms.X_BE.R).is_some_and(|press| {
             let row = pressing_row(terms, &press.e);
-            let is_held = |(_, most)| (Force::LEAST_N..=most).contains(&press.newtons);
-            strongest(terms, effort, &row).is_some_and(is_held)
-                && stiffest(terms, &row, dt).is_some_and(|most| press.terms.stiffness_n_m <= most)
+            let (_, most) = strongest(terms, effort, &row);
+            let stiffness_n_m = press.wanted.force.stiffness_n_m;
+            (Force::LEAST_N..=most).contains(&press.newtons)
+                && stiffest(terms, &row, dt).is_some_and(|most| stiffness_n_m <= most)
         })
     }
 
@@ -395,7 +388,7 @@ impl Forces {
     pub(crate) fn impossible<const N: usize>(
         &self,
         terms: &Terms<N>,
-        effort: &SVector<f64, N>,
+        effort: &Joints<N>,
         strategy: Strategy,
         task: &[bool; 6],
         dt: f64,
@@ -408,8 +401,8 @@ impl Forces {
         }
         (0..self.0.len()).find_map(|leg| {
             let press = self.at(leg, &terms.X_BE.R)?;
-            let (force, e) = (press.terms, press.e);
-            let is_unserved = |axis: &Vector3<f64>, first: usize| {
+            let (force, e) = (&press.wanted.force, press.e);
+            let is_unserved = |axis: &Vector3, first: usize| {
                 (0..3).any(|i| !task[first + i] && axis[i].abs() > UNSERVED)
             };
             if is_unserved(&e, 0) {
@@ -421,7 +414,7 @@ impl Forces {
             let twists = press.about.iter().zip(&force.moments);
             for (about, moment) in twists {
                 let row = terms.J.fixed_rows::<3>(3).tr_mul(about);
-                let (joint, most) = strongest(terms, effort, &(row * moment.newton_metres.signum()))?;
+                let (joint, most) = strongest(terms, effort, &(row * moment.newton_metres.signum()));
                 let stiffest = stiffest(terms, &row, dt)?;
                 let why = if is_unserved(about, 3) {
                     "the arm's task does not serve all of that axis: take another one".to_owned()
@@ -443,7 +436,7 @@ impl Forces {
                 ));
             }
             let row = pressing_row(terms, &e);
-            let (joint, most) = strongest(terms, effort, &row)?;
+            let (joint, most) = strongest(terms, effort, &row);
             let stiffest = stiffest(terms, &row, dt)?;
             if force.stiffness_n_m > stiffest {
                 return Some(format!(
@@ -466,23 +459,23 @@ impl Forces {
 
 impl Press<'_> {
     /// A pose error, or a twist, without what is along e or about the axes of the moments.
-    pub(crate) fn across(&self, V: &Vector6<f64>) -> Vector6<f64> {
+    pub(crate) fn across(&self, V: &Vector6) -> Vector6 {
         let (v, omega) = (linear(V), angular(V));
         stack(&(v - self.along(&v)), &(omega - self.turn(&omega)))
     }
 
     /// The share of a vector that is along e.
-    pub(crate) fn along(&self, v: &Vector3<f64>) -> Vector3<f64> {
+    pub(crate) fn along(&self, v: &Vector3) -> Vector3 {
         self.e * self.e.dot(v)
     }
 
     /// The share of a rotation, or of its rate, that is about the axes of the moments.
-    fn turn(&self, omega: &Vector3<f64>) -> Vector3<f64> {
+    fn turn(&self, omega: &Vector3) -> Vector3 {
         self.about.iter().map(|axis| axis * axis.dot(omega)).sum()
     }
 
     /// `R_d`, turned about the axes of the moments to where `R` is.
-    fn turned(&self, R_d: &Matrix3<f64>, R: &Matrix3<f64>) -> Matrix3<f64> {
+    fn turned(&self, R_d: &Matrix3, R: &Matrix3) -> Matrix3 {
         if self.about[0] == Vector3::zeros() {
             return *R_d;
         }
@@ -491,54 +484,56 @@ impl Press<'_> {
     }
 
     /// The moments that are off their set-points, about each axis, under the wrench `F` on the hand; N·m.
-    pub(crate) fn off_nm(&self, F: &Vector6<f64>) -> [f64; MOMENTS] {
-        array::from_fn(|i| -self.about[i].dot(&angular(F)) - self.newton_metres[i])
+    pub(crate) fn off_nm(&self, F: &Vector6) -> [f64; MOMENTS] {
+        array::from_fn(|i| -self.about[i].dot(&angular(F)) - self.wanted.moments[i].1)
     }
 
     /// Stiffness of a surface against a turn of the face that lies on it, k·r²/2; N·m/rad.
     fn turning_stiffness(&self) -> f64 {
-        0.5 * self.terms.stiffness_n_m * self.face_m * self.face_m
+        let Wanted { force, face_m, .. } = self.wanted;
+        0.5 * force.stiffness_n_m * face_m * face_m
     }
 
     /// The directions of the force and of the moments, as twists; zero beyond their number.
-    pub(crate) fn axes(&self) -> [Vector6<f64>; 1 + MOMENTS] {
+    pub(crate) fn axes(&self) -> [Vector6; 1 + MOMENTS] {
         let [a, b, c] = self.about.map(|axis| stack(&Vector3::zeros(), &axis));
         [stack(&self.e, &Vector3::zeros()), a, b, c]
     }
 
     /// Time in which the set-point rises, s.
     pub(crate) fn ramp_s(&self) -> f64 {
-        self.terms.ramp_s
+        self.wanted.force.ramp_s
     }
 
     /// Whether a moment is asked for.
     pub(crate) fn twists(&self) -> bool {
-        !self.terms.moments.is_empty()
+        !self.wanted.force.moments.is_empty()
     }
 }
 
 /// The joint that holds least along `row`, and the force that it holds: the largest f with |g_i + f·row_i| ≤ limit_i, N.
 fn strongest<const N: usize>(
     terms: &Terms<N>,
-    effort: &SVector<f64, N>,
-    row: &SVector<f64, N>,
-) -> Option<(usize, f64)> {
+    effort: &Joints<N>,
+    row: &Joints<N>,
+) -> (usize, f64) {
     let most = |i: usize| {
         let room = effort[i] - terms.gravity[i] * row[i].signum();
         room / row[i].abs().max(1e-9)
     };
     let joints = (0..N).map(|i| (i, most(i)));
-    joints.min_by(|a, b| a.1.total_cmp(&b.1))
+    let least = joints.min_by(|a, b| a.1.total_cmp(&b.1));
+    least.unwrap_or((0, f64::INFINITY))
 }
 
 /// The stiffest surface on which the arm stays along `row` with ticks of `dt` s, N/m or N·m/rad; `None` of a mass matrix that has no inverse.
-fn stiffest<const N: usize>(terms: &Terms<N>, row: &SVector<f64, N>, dt: f64) -> Option<f64> {
+fn stiffest<const N: usize>(terms: &Terms<N>, row: &Joints<N>, dt: f64) -> Option<f64> {
     let (_, mobility) = response(terms, row).ok()?;
     Some(STIFFEST / (mobility * dt * dt))
 }
 
 /// J_eᵀ: the row of the velocity of E along e.
-fn pressing_row<const N: usize>(terms: &Terms<N>, e: &Vector3<f64>) -> SVector<f64, N> {
+fn pressing_row<const N: usize>(terms: &Terms<N>, e: &Vector3) -> Joints<N> {
     terms.J.fixed_rows::<3>(0).tr_mul(e)
 }
 
@@ -596,15 +591,10 @@ pub(crate) fn step<const N: usize>(
 /// The acceleration `a` of C where a part of e is lost: the part that is left moves the hand along e by `along`, m/s², whatever path lies across e.
 ///
 /// Also the share in which it does so: none where hardly any of e is left.
-fn serve<const N: usize>(
-    now: &Now<'_, N>,
-    a: &Vector6<f64>,
-    e: &Vector3<f64>,
-    along: f64,
-) -> (Vector6<f64>, f64) {
+fn serve<const N: usize>(now: &Now<'_, N>, a: &Vector6, e: &Vector3, along: f64) -> (Vector6, f64) {
     let left = now.report.listed().iter().fold(*e, |left, s| {
         let axis = linear(&s.zeta_B);
-        let lost = 1.0 - s.neighborhood().openness(s.s);
+        let lost = 1.0 - s.openness(s.s);
         left - axis * (axis.dot(&left) * lost)
     });
     if left == *e {
@@ -622,19 +612,19 @@ fn serve<const N: usize>(
 }
 
 /// The share of an axis of rotation, 0 to 1, that no singularity takes.
-fn left<const N: usize>(now: &Now<'_, N>, axis: &Vector3<f64>) -> f64 {
+fn left<const N: usize>(now: &Now<'_, N>, axis: &Vector3) -> f64 {
     now.report.listed().iter().fold(1.0, |left, s| {
         let along = angular(&s.zeta_B).dot(axis);
-        left - left * along * along * (1.0 - s.neighborhood().openness(s.s))
+        left - left * along * along * (1.0 - s.openness(s.s))
     })
 }
 
 /// Of a force of 1 N along e: A⁻¹Jᵀe, the acceleration of the joints, and 1/Λ, that of the hand along e, 1/kg.
 fn response<const N: usize>(
     terms: &Terms<N>,
-    row: &SVector<f64, N>,
-) -> Result<(SVector<f64, N>, f64), Refusal> {
-    let A = Cholesky::new(terms.A).map_err(|_| Refusal::Singular)?;
+    row: &Joints<N>,
+) -> Result<(Joints<N>, f64), Refusal> {
+    let A = Cholesky::new(terms.A)?;
     let response = A.solve(row);
     Ok((response, row.dot(&response).max(MOBILITY)))
 }
@@ -646,8 +636,8 @@ fn response<const N: usize>(
 pub(crate) fn observed<const N: usize>(
     press: &Press<'_>,
     terms: &Terms<N>,
-    tau_disturbance: &SVector<f64, N>,
-) -> Result<Vector6<f64>, Refusal> {
+    tau_disturbance: &Joints<N>,
+) -> Result<Vector6, Refusal> {
     let pressed_n = unexplained(terms, &pressing_row(terms, &press.e), tau_disturbance)?;
     Ok(stack(&(press.e * -pressed_n), &Vector3::zeros()))
 }
@@ -655,8 +645,8 @@ pub(crate) fn observed<const N: usize>(
 /// The force along e that explains the disturbance torque, −J̄_eᵀτ; N.
 fn unexplained<const N: usize>(
     terms: &Terms<N>,
-    row: &SVector<f64, N>,
-    tau_disturbance: &SVector<f64, N>,
+    row: &Joints<N>,
+    tau_disturbance: &Joints<N>,
 ) -> Result<f64, Refusal> {
     let (response, mobility) = response(terms, row)?;
     Ok(-response.dot(tau_disturbance) / mobility)
@@ -674,6 +664,10 @@ impl Pressing {
         self.leg != 0 && matches!(self.stage, Stage::Seeking | Stage::Rising)
     }
 
+    fn is_touching(&self) -> bool {
+        matches!(self.stage, Stage::Rising | Stage::Moving)
+    }
+
     /// The speed along e that the force asks for, that of the surface included; m/s.
     fn step(
         &mut self,
@@ -688,10 +682,10 @@ impl Pressing {
             self.begin(leg, is_same_axis, felt);
         }
         self.e = press.e;
-        let (force, newtons) = (press.terms, press.newtons);
+        let (force, newtons) = (&press.wanted.force, press.newtons);
         self.felt_n += (felt.force_n - self.felt_n) * dt / (tuning.felt_s + dt);
         self.change(press, felt, dt);
-        let is_touching = matches!(self.stage, Stage::Rising | Stage::Moving);
+        let is_touching = self.is_touching();
         if self.stage != Stage::Moving {
             self.waited_s += dt;
         }
@@ -726,12 +720,12 @@ impl Pressing {
     fn twist<const N: usize>(
         &mut self,
         press: &Press<'_>,
-        wrist: &Vector6<f64>,
+        wrist: &Vector6,
         now: &Now<'_, N>,
         tuning: &Tuning,
         dt: f64,
-    ) -> (Vector3<f64>, Vector3<f64>) {
-        let is_touching = matches!(self.stage, Stage::Rising | Stage::Moving);
+    ) -> (Vector3, Vector3) {
+        let is_touching = self.is_touching();
         self.turns = press.twists() && (self.turns || is_touching);
         if !self.turns {
             return Default::default();
@@ -742,11 +736,11 @@ impl Pressing {
         let alpha = (0..MOMENTS).map(|i| {
             let about = press.about[i];
             let axis = Along {
-                set: press.newton_metres[i] * share * about.norm(),
+                set: press.wanted.moments[i].1 * share * about.norm(),
                 felt: -about.dot(&angular(wrist)),
                 speed: about.dot(&omega),
                 stiffness: press.turning_stiffness(),
-                fastest: TURNING * tuning.approach(press) / press.face_m,
+                fastest: TURNING * tuning.approach(press) / press.wanted.face_m,
             };
             largest_nm = largest_nm.max((axis.set - axis.felt).abs());
             let speed = match is_touching {
@@ -757,18 +751,18 @@ impl Pressing {
             about * tuning.acceleration(speed, axis.speed)
         });
         let alpha = alpha.sum();
-        self.is_off = largest_nm > REACHED.0 * press.newtons * press.face_m;
+        self.is_off = largest_nm > REACHED.0 * press.newtons * press.wanted.face_m;
         (alpha, press.turn(&omega))
     }
 
     /// −JᵀF: what bears the contact that the wrist's sensor measures; N·m. `None`: there is none.
-    pub(crate) fn bearing<const N: usize>(&self, terms: &Terms<N>) -> Option<SVector<f64, N>> {
+    pub(crate) fn bearing<const N: usize>(&self, terms: &Terms<N>) -> Option<Joints<N>> {
         let is_felt = self.wrist != Vector6::zeros();
         is_felt.then(|| -terms.J.tr_mul(&self.wrist))
     }
 
     /// The state of a hand on which the wrench `wrist` acts about E, base axes, N, N·m, and that presses on nothing.
-    pub(crate) fn touching(wrist: Vector6<f64>) -> Self {
+    pub(crate) fn touching(wrist: Vector6) -> Self {
         Self {
             wrist,
             ..Self::default()
@@ -794,7 +788,7 @@ impl Pressing {
 
     /// The stage after this tick.
     fn change(&mut self, press: &Press<'_>, felt: &Felt, dt: f64) {
-        let (force, newtons) = (press.terms, press.newtons);
+        let (force, newtons) = (&press.wanted.force, press.newtons);
         let touch = (TOUCH.0 * newtons).max(TOUCH.1).min(0.5 * newtons);
         let is_reached = match force.until_newtons {
             Some(until) => self.felt_n >= until,
@@ -876,31 +870,19 @@ mod tests {
     use super::*;
     use crate::testing::standing;
 
-    fn force() -> Force {
-        let text = "name=\"t\"\nrobot=\"puma560\"\nstart.posture=\"ready\"\n[[segment]]\nduration_s=1.0\nforce={axis=\"-z\", newtons=10.0}\n";
-        let scenario = Scenario::parse("t.toml", text, &[]).unwrap();
-        Forces::of(&scenario).0[0].clone().unwrap().force
-    }
-
-    fn press(terms: &Force) -> Press<'_> {
-        Press {
-            terms,
-            newtons: terms.newtons,
-            e: -Vector3::z(),
-            about: [Vector3::zeros(); MOMENTS],
-            newton_metres: [0.0; MOMENTS],
-            face_m: 0.0,
-        }
+    fn forces(stiffness_n_m: f64) -> Forces {
+        let text = format!(
+            "name=\"t\"\nrobot=\"puma560\"\nstart.posture=\"ready\"\n[[segment]]\nduration_s=1.0\nforce={{axis=\"-z\", newtons=10.0, stiffness_n_m={stiffness_n_m:?}}}\n"
+        );
+        Forces::of(&Scenario::parse("t.toml", &text, &[]).unwrap())
     }
 
     /// A mass on a spring, soft to very stiff: it is met slowly, and the force comes about without a peak beyond twice its set-point.
     #[test]
     fn a_contact_is_met_slowly_and_its_force_is_reached() {
         for (spring, dt) in [(2e4, 1e-3), (3e5, 1e-3), (1e6, 1e-3), (2e4, 1e-2)] {
-            let force = Force {
-                stiffness_n_m: spring,
-                ..force()
-            };
+            let forces = forces(spring);
+            let press = forces.at(0, &Matrix3::identity()).unwrap();
             let (mut pressing, mut x, mut v, mut peak) =
                 (Pressing::default(), -0.005_f64, 0.0, 0.0_f64);
             for _ in 0..(10.0 / dt) as u32 {
@@ -911,9 +893,7 @@ mod tests {
                 };
                 peak = peak.max(felt.force_n);
                 let tuning = Tuning::of(true, dt);
-                let wanted = pressing
-                    .step(&press(&force), 0, &felt, &tuning, dt)
-                    .unwrap();
+                let wanted = pressing.step(&press, 0, &felt, &tuning, dt).unwrap();
                 v += tuning.acceleration(wanted, v) * dt;
                 x += v * dt;
                 assert!(v <= 0.0201, "{v}");
@@ -954,7 +934,8 @@ mod tests {
 
     #[test]
     fn a_direction_in_which_nothing_is_met_is_refused() {
-        let (force, mut pressing, mut ticks) = (force(), Pressing::default(), 0);
+        let (forces, mut pressing, mut ticks) = (forces(2e4), Pressing::default(), 0);
+        let press = forces.at(0, &Matrix3::identity()).unwrap();
         let refusal = loop {
             let felt = Felt {
                 force_n: 0.0,
@@ -962,7 +943,7 @@ mod tests {
                 place_m: 2e-5 * f64::from(ticks),
             };
             ticks += 1;
-            match pressing.step(&press(&force), 0, &felt, &BY_SENSOR, 1e-3) {
+            match pressing.step(&press, 0, &felt, &BY_SENSOR, 1e-3) {
                 Ok(_) => assert!(ticks < 3000),
                 other => break other,
             }

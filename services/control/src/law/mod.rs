@@ -47,13 +47,13 @@ use crate::baselines::{self, hold_and_blend, resolved_rate};
 use crate::centre::AtCentre;
 use crate::controller::Setup;
 use crate::limits::Parts;
-use crate::linear::{angular, linear};
+use crate::linear::{Joints, Vector6, angular, largest_share, linear};
 use crate::paper::operational_space::{Operational, null_torque};
 use crate::paper::singular_frame::orthogonal_rows;
 use crate::state::State;
 use crate::tick::{Motion, Now};
 use crate::types::{Mode, Refusal};
-use nalgebra::{SMatrix, SVector, Vector4, Vector6};
+use nalgebra::{SMatrix, Vector4};
 use shared_types::scenario::Strategy;
 use singular_rows::SingularRows;
 
@@ -109,9 +109,9 @@ fn bounded_return<const N: usize>(
     state: &State<N>,
     now: &Now<'_, N>,
     motion: &Motion<N>,
-) -> Vector6<f64> {
+) -> Vector6 {
     let mut a = motion.a;
-    let Some(first) = setup.first_of_higher_codimension() else {
+    let Some(first) = setup.family.first_of_higher_codimension() else {
         return a;
     };
     for (place, s) in now.report.listed().iter().enumerate().skip(first) {
@@ -132,8 +132,8 @@ fn bounded_return<const N: usize>(
 }
 
 /// The share of the acceleration `a` along the twist `V` of the path, metres made radians by the arm's length.
-fn along_path(V: &Vector6<f64>, a: &Vector6<f64>, length_m: f64) -> Vector6<f64> {
-    let dot = |x: &Vector6<f64>, y: &Vector6<f64>| {
+fn along_path(V: &Vector6, a: &Vector6, length_m: f64) -> Vector6 {
+    let dot = |x: &Vector6, y: &Vector6| {
         linear(x).dot(&linear(y)) / (length_m * length_m) + angular(x).dot(&angular(y))
     };
     let size = dot(V, V);
@@ -152,19 +152,19 @@ pub struct Problem<'a, const N: usize> {
     /// Kinematics at C.
     pub at: &'a AtCentre<N>,
     /// Joint velocities, rad/s.
-    pub qdot: &'a SVector<f64, N>,
+    pub qdot: &'a Joints<N>,
     /// Which of the six task axes count.
     pub task: [bool; 6],
     /// Operational acceleration a*.
-    pub a: Vector6<f64>,
+    pub a: Vector6,
     /// The share of a* that lies along the path, which the limits give up before the rest.
-    pub a_path: Vector6<f64>,
+    pub a_path: Vector6,
     /// Twist of the path at full clock speed, for predicting joint speeds.
-    pub V: Vector6<f64>,
+    pub V: Vector6,
     /// Acceleration of the path at its present speed, for predicting torques.
-    pub a_feed: Vector6<f64>,
+    pub a_feed: Vector6,
     /// ∇V₀ of the posture in the null space of all rows (redundant arms), rad/s².
-    pub grad_V_0: SVector<f64, N>,
+    pub grad_V_0: Joints<N>,
     /// Damping of that null space, 1/s.
     pub k_vq: f64,
 }
@@ -173,13 +173,13 @@ pub struct Problem<'a, const N: usize> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Engaged<const N: usize> {
     /// ζ, base axes, at C.
-    pub zeta_B: Vector6<f64>,
+    pub zeta_B: Vector6,
     /// ζᵀJ = gain·aux_row modulo the other rows.
     pub gain: f64,
     /// 1: operational control along ζ; 0: auxiliary control.
     pub beta: f64,
     /// Gradient of the auxiliary coordinate.
-    pub aux_row: SVector<f64, N>,
+    pub aux_row: Joints<N>,
     /// Desired auxiliary acceleration, less its value at q̈ = 0; rad/s².
     pub aux_acceleration: f64,
     /// Auxiliary rate at which the path would be followed at full clock speed, rad/s.
@@ -192,9 +192,9 @@ pub struct Torques<const N: usize> {
     /// Along the path, in the null space of the kept rows, and the rest of the task torque: feedback, and the motion orthogonal to the path; N·m.
     pub parts: Parts<N>,
     /// Joint velocities at which the path would be followed at full clock speed, rad/s.
-    pub qdot_nominal: SVector<f64, N>,
+    pub qdot_nominal: Joints<N>,
     /// Joint accelerations of the path itself, without feedback and without a change of its clock, rad/s².
-    pub qddot_path: SVector<f64, N>,
+    pub qddot_path: Joints<N>,
 }
 
 /// The rows of the problem, those kept first, and their right-hand sides.
@@ -218,7 +218,7 @@ impl<const N: usize> Rows<N> {
     #[inline]
     pub fn of(problem: &Problem<'_, N>, engaged: &[Engaged<N>]) -> Result<Self, Refusal> {
         let (J, Jdot_qdot) = (&problem.at.J, &problem.at.Jdot_qdot);
-        let kept = orthogonal_rows::<N>(&problem.task, engaged)?;
+        let kept = orthogonal_rows::<N>(&problem.task, engaged.iter().map(|one| one.zeta_B))?;
         let mut rows = Self {
             J_T: SMatrix::zeros(),
             kept: kept.len(),
@@ -249,7 +249,7 @@ impl<const N: usize> Rows<N> {
     }
 
     #[inline]
-    fn push(&mut self, row: SVector<f64, N>, sides: Vector4<f64>) {
+    fn push(&mut self, row: Joints<N>, sides: Vector4<f64>) {
         self.J_T.set_column(self.count, &row);
         self.sides.set_column(self.count, &sides);
         self.count += 1;
@@ -271,7 +271,7 @@ pub fn solve<const N: usize>(
     engaged: &[Engaged<N>],
 ) -> Result<Torques<N>, Refusal> {
     let rows = Rows::of(problem, engaged)?;
-    let op = Operational::new(rows.J_T, rows.count, problem.A).map_err(|_| Refusal::Singular)?;
+    let op = Operational::new(rows.J_T, rows.count, problem.A)?;
     let Gamma_0 = null_torque(problem.A, &problem.grad_V_0, problem.k_vq, problem.qdot);
     let [acceleration, path, velocity, feed] =
         std::array::from_fn(|k| rows.sides.row(k).transpose());
@@ -296,11 +296,8 @@ pub fn solve<const N: usize>(
 
 impl<const N: usize> Torques<N> {
     /// Largest share of a joint's speed limit at full clock speed; `velocity` are the limits, rad/s.
-    #[must_use]
     #[inline]
-    pub fn speed_share(&self, velocity: &SVector<f64, N>) -> f64 {
-        (0..N).fold(0.0_f64, |share, i| {
-            share.max(self.qdot_nominal[i].abs() / velocity[i])
-        })
+    pub fn speed_share(&self, velocity: &Joints<N>) -> f64 {
+        largest_share(&self.qdot_nominal, velocity)
     }
 }

@@ -4,19 +4,17 @@
 use super::Engaged;
 use super::auxiliary::{Demand, Gains};
 use crate::controller::Setup;
-use crate::linear::{linear, sign};
+use crate::linear::{Joints, Vector3, Vector6, linear, sign};
 use crate::paper::reference::Target;
 use crate::paper::type_1::{self, SIDE_CHANGE};
 use crate::paper::type_2;
 use crate::reference::guide::{Guide, WAIT};
 use crate::reference::turn;
 use crate::singularity::family::Situation;
-use crate::singularity::reference::slope as along_zeta;
-use crate::singularity::turning::turning;
 use crate::state::State;
 use crate::tick::{Motion, Now};
 use crate::types::{Class, Mode, Refusal, Report, Singularity};
-use nalgebra::{SVector, Vector3, Vector6};
+use model::TaskAxes;
 use shared_types::MAX_SINGULARITIES;
 use shared_types::scenario::Strategy;
 
@@ -46,7 +44,7 @@ impl<const N: usize> SingularRows<N> {
             zeta_B: Vector6::zeros(),
             gain: 0.0,
             beta: 1.0,
-            aux_row: SVector::zeros(),
+            aux_row: Joints::zeros(),
             aux_acceleration: 0.0,
             aux_rate: 0.0,
         };
@@ -94,6 +92,7 @@ pub(crate) fn engaged<const N: usize>(
             slew: setup.slew(i, s),
         };
         let situation = Situation {
+            s,
             q: now.q,
             qdot_planned: &planned,
             terms: now.terms,
@@ -102,13 +101,12 @@ pub(crate) fn engaged<const N: usize>(
             ahead: &ahead,
             error: &motion.error,
             opening: &opening,
-            lower: setup.model.lower(),
-            upper: setup.model.upper(),
+            model: &setup.model,
             rate_max: gains.rate_max,
             governed: control.governor,
             clips: motion.clips,
         };
-        let target = target(setup, state, i, s, &situation, (now, motion))?;
+        let target = target(setup, state, i, &situation, (now, motion))?;
         opening += fold.per_aux * target.error;
         let one = &mut state.loops[i];
         let is_hard = control.strategy == Strategy::ChangKhatib;
@@ -143,7 +141,7 @@ const CARRIED: (f64, f64) = (0.002, 0.01);
 /// The opening of a fold inside its neighbourhood, without a plan.
 struct Opening {
     /// Motion at C per rad of the coordinate, m and 1; zero of what is no fold.
-    per_aux: Vector6<f64>,
+    per_aux: Vector6,
     /// Its largest rate, rad/s: one at which the coordinates of the other lost directions can hold the hand along them.
     rate_max: f64,
 }
@@ -200,10 +198,10 @@ fn target<const N: usize>(
     setup: &Setup<N>,
     state: &mut State<N>,
     place: usize,
-    s: &Singularity<N>,
     situation: &Situation<'_, N>,
     (now, motion): (&Now<'_, N>, &Motion<N>),
 ) -> Result<Target, Refusal> {
+    let s = situation.s;
     let branch = motion.leg.map_or(0, |leg| leg.branch) + state.targets.branch();
     let mut target = match &motion.planned {
         Some(planned) => {
@@ -217,7 +215,7 @@ fn target<const N: usize>(
                 false => pressed(setup, state, place, s, target, (now, motion)),
             }
         }
-        None => by_type(setup, state, place, s, situation, branch),
+        None => by_type(setup, state, place, situation, branch),
     };
     // A planned leg lies within reach: what the formula of a fold misses there is tracking error.
     target.clipped &= motion.planned.is_none();
@@ -230,13 +228,12 @@ fn target<const N: usize>(
     };
     // Predicted, and published, before the arm moves.
     if state.turn.duration_s == 0.0 {
-        let motion = |angle: f64| turning(&setup.family, &setup.model, now.q, s, angle);
         let room = turn::Room {
             q: now.q,
             model: &setup.model,
             control: &setup.scenario.control,
         };
-        state.turn = turn::plan(s, angle, leg.duration_s, &room, motion)?;
+        state.turn = turn::plan(&setup.family, s, angle, leg.duration_s, &room)?;
     }
     let [share, share_rate, _] = setup.path.fraction(&state.progress);
     Ok(state.turn.target(s, share, share_rate, motion.clock))
@@ -255,7 +252,7 @@ fn pressed<const N: usize>(
     target: Target,
     (now, motion): (&Now<'_, N>, &Motion<N>),
 ) -> Target {
-    let slope_at = |error: f64| along_zeta(s) - s.kappa_1 * error;
+    let slope_at = |error: f64| s.slope() - s.kappa_1 * error;
     let slope = slope_at(target.error);
     let next = (setup.guide).at(state.progress.leg, state.clock.plan_s + SIDE_S);
     let ahead = next.map_or(slope, |plan| slope_at(s.aux_row.dot(&(plan.q - now.q))));
@@ -290,34 +287,31 @@ fn by_type<const N: usize>(
     setup: &Setup<N>,
     state: &mut State<N>,
     place: usize,
-    s: &Singularity<N>,
     at: &Situation<'_, N>,
     branch: i32,
 ) -> Target {
+    let s = at.s;
     let (family, memory) = (&setup.family, &mut state.loops[place].memory);
     if memory.side == 0.0 {
         memory.side = sign(s.across() >= 0.0);
     }
     match s.class {
-        Class::Type1 => family.fold(s, at).map_or_else(
-            || type_2::target(None),
-            |fold| {
-                let side = memory.side;
-                let roomier = || family.roomier(s, at, side);
-                let branch = Some(branch)
-                    .filter(|side| *side != 0)
-                    .unwrap_or_else(roomier);
-                type_1::target(&fold, s.inside, branch, memory)
-            },
-        ),
-        Class::Type2 | Class::Mixed => type_2::target(family.direction(s, at, memory)),
-        Class::Unknown => type_2::target(None),
+        Class::Type1 => family.fold(at).map_or_else(type_2::held, |fold| {
+            let side = memory.side;
+            let branch = match branch {
+                0 => at.roomier(side),
+                branch => branch,
+            };
+            type_1::target(&fold, s.inside, branch, memory)
+        }),
+        Class::Type2 | Class::Mixed => family.direction(at, memory).unwrap_or_else(type_2::held),
+        Class::Unknown => type_2::held(),
     }
 }
 
 /// Whether the listed singularities explain the rank: each takes one direction.
 fn check_rank<const N: usize>(setup: &Setup<N>, report: &Report<N>) -> Result<(), Refusal> {
-    let full = setup.task.iter().filter(|counts| **counts).count().min(N);
+    let full = TaskAxes(setup.task).count().min(N);
     let listed = report.listed().iter().filter(|s| s.inside).count();
     if setup.scenario.control.strategy.is_ours() && (report.rank as usize + listed) < full {
         return Err(Refusal::Unlisted);

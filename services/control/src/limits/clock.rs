@@ -6,11 +6,10 @@ use super::torque::Limited;
 use super::{range, speed};
 use crate::controller::Setup;
 use crate::law::Torques;
-use crate::linear::{angular, linear, served};
+use crate::linear::{Joints, angular, linear, served};
 use crate::reference::along_lost;
 use crate::state::State;
 use crate::tick::{Motion, Now};
-use nalgebra::SVector;
 
 /// Slowest clock, but where the plan asks for a slower one.
 const SLOWEST: f64 = 0.05;
@@ -39,11 +38,11 @@ pub struct Load<const N: usize> {
     /// Largest share of a joint's speed, or of an auxiliary rate, at full clock speed.
     pub speed: f64,
     /// Torque that holds the arm, N·m.
-    pub holding: SVector<f64, N>,
+    pub holding: Joints<N>,
     /// Torque that follows the path at full clock speed, without what holds the arm, N·m: it goes with the clock's speed squared.
-    pub following: SVector<f64, N>,
+    pub following: Joints<N>,
     /// Torque per change of the clock's speed, N·m·s.
-    pub braking: SVector<f64, N>,
+    pub braking: Joints<N>,
     /// Fastest clock that the path plan allows, up to 1.
     pub planned: f64,
     /// Whether a plan knows what comes.
@@ -107,7 +106,7 @@ impl Clock {
     ///
     /// Units `limits` N·m, `dt` s · Requires `load.planned` > 0 · Ensures min(0.05, planned) ≤ rate ≤ 1 and |rate_dot| within the share of torque that braking may take; rate = 1 exactly while the
     /// demand stays below 0.95 · Errors none · Cost O(N), no allocation
-    pub fn govern<const N: usize>(&mut self, load: &Load<N>, limits: &SVector<f64, N>, dt: f64) {
+    pub fn govern<const N: usize>(&mut self, load: &Load<N>, limits: &Joints<N>, dt: f64) {
         let mut demand = load.speed;
         let mut hardest = 1e3_f64;
         for i in 0..N {
@@ -137,7 +136,6 @@ impl Clock {
 }
 
 /// Torque that is left for following the path beside what holds the arm: |holding + r²·following| ≤ 0.95·limit, at least a hundredth of it; N·m.
-#[must_use]
 pub(crate) fn room(limit: f64, holding: f64) -> f64 {
     (MARGIN * limit - holding.abs()).max(0.01 * limit)
 }

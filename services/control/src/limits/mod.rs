@@ -24,10 +24,10 @@ pub mod torque;
 
 use crate::controller::Setup;
 use crate::law::Torques;
+use crate::linear::Joints;
 use crate::state::State;
 use crate::tick::{Motion, Now};
 use crate::types::Refusal;
-use nalgebra::SVector;
 
 /// Joint speed over its limit, at full clock speed, beyond which the path is refused: twice the limit even at the slowest clock.
 const SPEED_RATIO_MAX: f64 = 40.0;
@@ -60,19 +60,14 @@ pub(crate) fn apply<const N: usize>(
     let mut parts = torques.parts;
     if control.governs() {
         let (velocity, rate) = (model.velocity(), model.torque_rate());
-        parts = speed::held(&parts, &now.terms.A, now.qdot, velocity, rate)
-            .map_err(|_| Refusal::Singular)?;
+        parts = speed::held(&parts, &now.terms.A, now.qdot, velocity, rate)?;
     }
-    let mut bias = now.terms.bias();
     // A reference arm touches nothing.
-    if let Some(bearing) = state.force.bearing(now.terms).filter(|_| is_path) {
-        bias += bearing;
-    }
-    if control.compensate_disturbance {
-        bias = setup
-            .drives
-            .compensating(bias, now.tau_disturbance, &now.terms.J);
-    }
+    let bearing = state.force.bearing(now.terms).filter(|_| is_path);
+    let disturbance = control
+        .compensate_disturbance
+        .then_some(now.tau_disturbance);
+    let bias = setup.drives.bias(now.terms, bearing, disturbance);
     Ok(setup.drives.send(&mut state.sent, &bias, &parts))
 }
 
@@ -80,18 +75,17 @@ pub(crate) fn apply<const N: usize>(
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parts<const N: usize> {
     /// In the null space of the kept rows: given up first.
-    pub null: SVector<f64, N>,
+    pub null: Joints<N>,
     /// Along the path.
-    pub path: SVector<f64, N>,
+    pub path: Joints<N>,
     /// Feedback, and the motion orthogonal to the path.
-    pub rest: SVector<f64, N>,
+    pub rest: Joints<N>,
 }
 
 impl<const N: usize> Parts<N> {
     /// Nothing.
-    #[must_use]
     pub fn zero() -> Self {
-        let zero = SVector::zeros();
+        let zero = Joints::zeros();
         Self {
             null: zero,
             path: zero,
@@ -102,14 +96,14 @@ impl<const N: usize> Parts<N> {
     /// Their sum.
     #[must_use]
     #[inline]
-    pub fn sum(&self) -> SVector<f64, N> {
+    pub fn sum(&self) -> Joints<N> {
         self.rest + self.path + self.null
     }
 
     /// Each part by a function.
     #[must_use]
     #[inline]
-    pub fn map(&self, f: impl Fn(&SVector<f64, N>) -> SVector<f64, N>) -> Self {
+    pub fn map(&self, f: impl Fn(&Joints<N>) -> Joints<N>) -> Self {
         Self {
             null: f(&self.null),
             path: f(&self.path),
@@ -132,9 +126,9 @@ impl<const N: usize> Parts<N> {
 /// The largest k in [0, 1] with low ≤ fixed + k·part ≤ high at each joint; 0 where the part leads further out at a joint that is out.
 #[inline]
 fn largest<const N: usize>(
-    fixed: &SVector<f64, N>,
-    part: &SVector<f64, N>,
-    [low, high]: [&SVector<f64, N>; 2],
+    fixed: &Joints<N>,
+    part: &Joints<N>,
+    [low, high]: [&Joints<N>; 2],
 ) -> f64 {
     (0..N).fold(1.0_f64, |share, i| {
         let room = if part[i] > 0.0 {
@@ -156,12 +150,11 @@ fn largest<const N: usize>(
 ///
 /// Shapes N · Units those of the parts · Ensures shares in [0, 1]; what the rest alone has beyond the box stays there, and is the caller's to cut ·
 /// Cost O(N), no allocation
-#[must_use]
 #[inline]
 pub fn shares<const N: usize>(
-    fixed: &SVector<f64, N>,
+    fixed: &Joints<N>,
     parts: &Parts<N>,
-    limits: [&SVector<f64, N>; 2],
+    limits: [&Joints<N>; 2],
 ) -> [f64; 3] {
     let Parts { null, path, rest } = parts;
     let k_n = largest(&(fixed + rest + path), null, limits);

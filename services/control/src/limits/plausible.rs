@@ -1,8 +1,8 @@
 //! Estimates that no arm can have moved to: beyond what its speed and torque limits allow (+).
 
+use crate::linear::Joints;
 use crate::paper::operational_space::Cholesky;
 use model::{Model, Terms};
-use nalgebra::SVector;
 
 /// Time after which a state that stays implausible is refused, s: longer than the estimator sets readings aside, shorter than an arm takes to fall far.
 pub(crate) const REJECTION_S: f64 = 0.2;
@@ -27,9 +27,9 @@ pub(crate) struct Plausible<const N: usize> {
     /// Ticks in a row for which the estimate has been set aside.
     pub(crate) rejected_ticks: u32,
     /// rad.
-    pub(crate) q: SVector<f64, N>,
+    pub(crate) q: Joints<N>,
     /// rad/s.
-    pub(crate) qdot: SVector<f64, N>,
+    pub(crate) qdot: Joints<N>,
 }
 
 impl<const N: usize> Plausible<N> {
@@ -38,8 +38,8 @@ impl<const N: usize> Plausible<N> {
         Self {
             known: false,
             rejected_ticks: 0,
-            q: SVector::zeros(),
-            qdot: SVector::zeros(),
+            q: Joints::zeros(),
+            qdot: Joints::zeros(),
         }
     }
 
@@ -52,8 +52,8 @@ impl<const N: usize> Plausible<N> {
     /// there · Cost O(N), and O(N³) for a velocity that changes by more than a quarter of its limit; no allocation
     pub(crate) fn take(
         &mut self,
-        q: &SVector<f64, N>,
-        qdot: &SVector<f64, N>,
+        q: &Joints<N>,
+        qdot: &Joints<N>,
         terms: &Terms<N>,
         model: &Model<N>,
         dt: f64,
@@ -77,14 +77,8 @@ impl<const N: usize> Plausible<N> {
         is_plausible
     }
 
-    fn reaches(
-        &self,
-        qdot: &SVector<f64, N>,
-        terms: &Terms<N>,
-        model: &Model<N>,
-        passed_s: f64,
-    ) -> bool {
-        let beyond = SVector::<f64, N>::from_fn(|i, _| {
+    fn reaches(&self, qdot: &Joints<N>, terms: &Terms<N>, model: &Model<N>, passed_s: f64) -> bool {
+        let beyond = Joints::<N>::from_fn(|i, _| {
             let limit = model.velocity()[i];
             let fast = if limit.is_finite() { limit } else { FAST };
             qdot[i].abs() - self.qdot[i].abs() - VELOCITY_NOISE * fast
@@ -95,9 +89,9 @@ impl<const N: usize> Plausible<N> {
         let Ok(A) = Cholesky::new(terms.A) else {
             return false;
         };
-        let mut most = SVector::<f64, N>::zeros();
+        let mut most = Joints::<N>::zeros();
         for j in 0..N {
-            let mut push = SVector::zeros();
+            let mut push = Joints::zeros();
             push[j] = model.effort()[j] + terms.gravity[j].abs();
             most += A.solve(&push).abs();
         }

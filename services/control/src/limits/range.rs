@@ -1,9 +1,9 @@
 //! The ranges of the joints: the run is refused, the clock slows, or an acceleration is held, before a joint reaches the end of its range.
 
 use super::{Parts, shares};
+use crate::linear::Joints;
 use crate::reference::guide::Planned;
 use model::{Model, Terms};
-use nalgebra::SVector;
 
 /// Distance per speed in which an arm with torque to spare is brought to rest before a limit, s: 1/k_v.
 const DAMPED_S: f64 = 0.025;
@@ -19,11 +19,10 @@ const STRAYED: f64 = 0.02;
 /// Whether a joint could not be stopped before its limit later than now, and no plan leads it away from there.
 ///
 /// `terms` are those of `q`: a joint brakes with the torque that gravity leaves it.
-#[must_use]
 #[inline]
 pub fn is_nearing<const N: usize>(
     planned: Option<&Planned<N>>,
-    (q, qdot): (&SVector<f64, N>, &SVector<f64, N>),
+    (q, qdot): (&Joints<N>, &Joints<N>),
     terms: &Terms<N>,
     model: &Model<N>,
 ) -> bool {
@@ -40,11 +39,7 @@ pub fn is_nearing<const N: usize>(
 }
 
 /// Fastest clock at which every joint, `qdot` rad/s at full speed, can be stopped before its limit.
-pub(crate) fn stoppable<const N: usize>(
-    q: &SVector<f64, N>,
-    qdot: &SVector<f64, N>,
-    model: &Model<N>,
-) -> f64 {
+pub(crate) fn stoppable<const N: usize>(q: &Joints<N>, qdot: &Joints<N>, model: &Model<N>) -> f64 {
     (0..N).fold(1.0, |clock, i| {
         let (speed, _, distance) = ahead(q, qdot, model, i);
         clock.min(distance / ((REVERSING_S + DAMPED_S) * speed).max(1e-9))
@@ -54,8 +49,8 @@ pub(crate) fn stoppable<const N: usize>(
 /// The speed of joint `i`, whether it moves up, and the distance to the limit ahead of it.
 #[inline]
 fn ahead<const N: usize>(
-    q: &SVector<f64, N>,
-    qdot: &SVector<f64, N>,
+    q: &Joints<N>,
+    qdot: &Joints<N>,
     model: &Model<N>,
     i: usize,
 ) -> (f64, bool, f64) {
@@ -98,12 +93,7 @@ impl Default for Fastest {
 ///
 /// `qdot` are the joint velocities at full clock speed. Shapes N · Units rad, rad/s · Ensures a clock in [10⁻⁷, 1], the lowest only where a joint that
 /// moves towards its limit is at the margin · Errors none · Cost O(N), no allocation
-#[must_use]
-pub fn fastest<const N: usize>(
-    q: &SVector<f64, N>,
-    qdot: &SVector<f64, N>,
-    model: &Model<N>,
-) -> Fastest {
+pub fn fastest<const N: usize>(q: &Joints<N>, qdot: &Joints<N>, model: &Model<N>) -> Fastest {
     let mut fastest = Fastest::default();
     for i in (0..N).filter(|i| qdot[*i].abs() >= STILL) {
         let (speed, is_up, distance) = ahead(q, qdot, model, i);
@@ -141,13 +131,13 @@ const BRAKE: f64 = 0.3;
 /// does, and the sum unchanged away from all limits · Errors none · Cost O(N), no allocation
 #[must_use]
 pub fn stopped<const N: usize>(
-    (q, qdot): (&SVector<f64, N>, &SVector<f64, N>),
+    (q, qdot): (&Joints<N>, &Joints<N>),
     parts: &Parts<N>,
-    inertia: &SVector<f64, N>,
+    inertia: &Joints<N>,
     model: &Model<N>,
-) -> (SVector<f64, N>, Option<(usize, bool)>) {
+) -> (Joints<N>, Option<(usize, bool)>) {
     let whole = parts.sum();
-    let [mut low, mut high] = [SVector::<f64, N>::zeros(); 2];
+    let [mut low, mut high] = [Joints::<N>::zeros(); 2];
     let mut joint = None;
     for i in 0..N {
         let most = SPEED * model.velocity()[i];
@@ -165,9 +155,9 @@ pub fn stopped<const N: usize>(
     if (0..N).all(|i| whole[i] >= low[i] && whole[i] <= high[i]) {
         return (whole, None);
     }
-    let [k_n, k_p, _] = shares(&SVector::zeros(), parts, [&low, &high]);
+    let [k_n, k_p, _] = shares(&Joints::zeros(), parts, [&low, &high]);
     let wanted = parts.scaled([k_n, k_p, 1.0]).sum();
-    let held = SVector::from_fn(|i, _| wanted[i].clamp(low[i], high[i].max(low[i])));
+    let held = Joints::from_fn(|i, _| wanted[i].clamp(low[i], high[i].max(low[i])));
     (held, joint)
 }
 
@@ -184,8 +174,8 @@ fn stopping_speed(distance: f64, braking: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::linear::Vector6;
     use crate::testing::puma;
-    use nalgebra::Vector6;
     use proptest::prelude::*;
 
     proptest! {
@@ -219,7 +209,7 @@ mod tests {
             rest: Vector6::zeros(),
             null: one * 0.5,
         };
-        let at = |q: Vector6<f64>| stopped((&q, &Vector6::zeros()), &parts, &one, puma());
+        let at = |q: Vector6| stopped((&q, &Vector6::zeros()), &parts, &one, puma());
         assert_eq!(at(Vector6::zeros()), (parts.sum(), None));
         let mut q = Vector6::zeros();
         q[0] = puma().upper()[0] - MARGIN;

@@ -7,9 +7,10 @@
 
 use super::clock::MARGIN;
 use super::{Parts, shares};
+use crate::linear::{Joints, largest_share};
 use crate::paper::operational_space::Cholesky;
 use crate::types::Refusal;
-use nalgebra::{SMatrix, SVector};
+use nalgebra::SMatrix;
 
 /// Shares of a speed limit from which on it is watched, from which on it is approached slowly, and at which a joint gains no more speed.
 const WATCHED: f64 = 0.5;
@@ -29,15 +30,15 @@ const LEAP_S: f64 = 0.004;
 pub fn held<const N: usize>(
     torques: &Parts<N>,
     A: &SMatrix<f64, N, N>,
-    qdot: &SVector<f64, N>,
-    velocity: &SVector<f64, N>,
-    torque_rate: &SVector<f64, N>,
+    qdot: &Joints<N>,
+    velocity: &Joints<N>,
+    torque_rate: &Joints<N>,
 ) -> Result<Parts<N>, Refusal> {
     let is_watched = |i: usize| qdot[i].abs() > WATCHED * velocity[i];
     if !(0..N).any(is_watched) {
         return Ok(*torques);
     }
-    let mut limits = [f64::NEG_INFINITY, f64::INFINITY].map(SVector::<f64, N>::repeat);
+    let mut limits = [f64::NEG_INFINITY, f64::INFINITY].map(Joints::<N>::repeat);
     for i in (0..N).filter(|i| is_watched(*i)) {
         let gap = MOST * velocity[i] - qdot[i].abs();
         let is_near = qdot[i].abs() > FROM * velocity[i];
@@ -46,17 +47,16 @@ pub fn held<const N: usize>(
         let is_up = qdot[i] > 0.0;
         limits[usize::from(is_up)][i] = if is_up { room } else { -room };
     }
-    let A = Cholesky::new(*A).map_err(|_| Refusal::Singular)?;
+    let A = Cholesky::new(*A)?;
     let accelerations = torques.map(|torque| A.solve(torque));
     let [low, high] = &limits;
-    Ok(torques.scaled(shares(&SVector::zeros(), &accelerations, [low, high])))
+    Ok(torques.scaled(shares(&Joints::zeros(), &accelerations, [low, high])))
 }
 
 /// Demand on the clock by the joints' present speeds, beyond the share of a limit that the path may take; 0 below it.
-#[must_use]
 #[inline]
-pub fn demand<const N: usize>(qdot: &SVector<f64, N>, velocity: &SVector<f64, N>) -> f64 {
-    let share = (0..N).fold(0.0_f64, |share, i| share.max(qdot[i].abs() / velocity[i]));
+pub fn demand<const N: usize>(qdot: &Joints<N>, velocity: &Joints<N>) -> f64 {
+    let share = largest_share(qdot, velocity);
     if share > MARGIN { share } else { 0.0 }
 }
 

@@ -3,8 +3,8 @@
 //! Reduces to the paper's Γ wherever it respects both: the sum is passed on unchanged (proof: `limits_and_rates_hold_and_the_null_space_goes_first`).
 
 use super::{Parts, shares};
-use model::Model;
-use nalgebra::{SMatrix, SVector, Vector3};
+use crate::linear::{Jacobian, Joints, Vector3};
+use model::{Model, Terms};
 
 /// Share of a torque limit up to which a disturbance is compensated beside the weight of a payload: friction takes less, a contact is not pressed against.
 const COMPENSATED: f64 = 0.25;
@@ -13,22 +13,22 @@ const COMPENSATED: f64 = 0.25;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Drives<const N: usize> {
     /// Torque limits, N·m.
-    pub effort: SVector<f64, N>,
+    pub effort: Joints<N>,
     /// Largest change of each torque in a tick, N·m.
-    pub step: SVector<f64, N>,
+    pub step: Joints<N>,
     /// Acceleration of free fall, base axes, m/s².
-    pub fall: Vector3<f64>,
+    pub fall: Vector3,
 }
 
 /// The torque of a tick and its parts: what the next one may differ from by a rate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sent<const N: usize> {
     /// Γ, N·m.
-    pub tau: SVector<f64, N>,
+    pub tau: Joints<N>,
     /// Its part along the path, N·m.
-    pub path: SVector<f64, N>,
+    pub path: Joints<N>,
     /// Its part in the null space, N·m.
-    pub null: SVector<f64, N>,
+    pub null: Joints<N>,
 }
 
 /// What the drives left of a torque.
@@ -53,8 +53,7 @@ fn mask<const N: usize>(is_set: impl Fn(usize) -> bool) -> u32 {
 
 impl<const N: usize> Drives<N> {
     /// Those of `model` in ticks of `dt` s, where a body falls with `fall`, m/s².
-    #[must_use]
-    pub fn of(model: &Model<N>, fall: Vector3<f64>, dt: f64) -> Self {
+    pub fn of(model: &Model<N>, fall: Vector3, dt: f64) -> Self {
         Self {
             effort: *model.effort(),
             step: model.torque_rate() * dt,
@@ -62,22 +61,29 @@ impl<const N: usize> Drives<N> {
         }
     }
 
-    /// Gravity, Coriolis and what is compensated of a disturbance: `bias` less `disturbance`, N·m, up to a share of each limit beside the torque of the
-    /// mass at E that explains most of the disturbance. A force that no mass has, upwards, is no payload's.
-    ///
-    /// Shapes N, `J` 6×N at E in base axes
+    /// The torque that moves nothing: gravity and Coriolis, what bears a contact, and what is compensated of a disturbance, N·m.
     #[must_use]
     #[inline]
-    pub fn compensating(
+    pub fn bias(
         &self,
-        bias: SVector<f64, N>,
-        disturbance: &SVector<f64, N>,
-        J: &SMatrix<f64, 6, N>,
-    ) -> SVector<f64, N> {
+        terms: &Terms<N>,
+        bearing: Option<Joints<N>>,
+        disturbance: Option<&Joints<N>>,
+    ) -> Joints<N> {
+        let bias = bearing.map_or_else(|| terms.bias(), |bearing| terms.bias() + bearing);
+        disturbance.map_or(bias, |torque| self.compensating(bias, torque, &terms.J))
+    }
+
+    /// `bias` less `disturbance`, N·m, up to a share of each limit beside the torque of the mass at E that explains most of the disturbance. A force that no
+    /// mass has, upwards, is no payload's.
+    ///
+    /// Shapes N, `J` 6×N at E in base axes
+    #[inline]
+    fn compensating(&self, bias: Joints<N>, disturbance: &Joints<N>, J: &Jacobian<N>) -> Joints<N> {
         let per_kg = J.fixed_rows::<3>(0).tr_mul(&self.fall);
         let mass_kg = per_kg.dot(disturbance) / per_kg.norm_squared().max(f64::MIN_POSITIVE);
         let weight = per_kg * mass_kg.max(0.0);
-        bias - SVector::from_fn(|i, _| {
+        bias - Joints::from_fn(|i, _| {
             let most = COMPENSATED * self.effort[i];
             disturbance[i].clamp(weight[i].min(0.0) - most, weight[i].max(0.0) + most)
         })
@@ -91,7 +97,7 @@ impl<const N: usize> Drives<N> {
     /// Shapes N · Units N·m · Requires finite torques, the last one within the limits · Ensures |Γ_i| ≤ effort_i and |ΔΓ_i| ≤ step_i though the
     /// parts be delayed one without the other, and the sum unchanged where it respects both · Errors none · Cost O(N), no allocation
     #[inline]
-    pub fn send(&self, last: &mut Sent<N>, bias: &SVector<f64, N>, parts: &Parts<N>) -> Limited {
+    pub fn send(&self, last: &mut Sent<N>, bias: &Joints<N>, parts: &Parts<N>) -> Limited {
         let (effort, mut scales) = (&self.effort, [1.0; 3]);
         let whole = bias + parts.sum();
         if (0..N).any(|i| whole[i].abs() > effort[i]) {
@@ -139,9 +145,9 @@ impl<const N: usize> Drives<N> {
                 (parts.null[i], parts.path[i]) = (0.0, 0.0);
             }
         }
-        let [k_n, k_p, _] = shares(&SVector::zeros(), &parts, [&-step, step]);
+        let [k_n, k_p, _] = shares(&Joints::zeros(), &parts, [&-step, step]);
         let allowed = change + null * (k_n - 1.0) + path * (k_p - 1.0);
-        last.tau = SVector::from_fn(|i, _| {
+        last.tau = Joints::from_fn(|i, _| {
             (last.tau[i] + allowed[i].clamp(-step[i], step[i]))
                 .clamp(-self.effort[i], self.effort[i])
         });
@@ -153,26 +159,24 @@ impl<const N: usize> Drives<N> {
 
 impl<const N: usize> Sent<N> {
     /// Of an arm that is carried at rest by `gravity`, N·m.
-    #[must_use]
-    pub fn holding(gravity: &SVector<f64, N>, effort: &SVector<f64, N>) -> Self {
+    pub fn holding(gravity: &Joints<N>, effort: &Joints<N>) -> Self {
         Self {
             tau: gravity.zip_map(effort, |g, limit| g.clamp(-limit, limit)),
-            path: SVector::zeros(),
-            null: SVector::zeros(),
+            path: Joints::zeros(),
+            null: Joints::zeros(),
         }
     }
 
     /// The drives carry the arm with all that it holds, which pulls with `disturbance`, N·m: the first torque goes on from there.
-    pub(crate) fn carry(&mut self, disturbance: &SVector<f64, N>, effort: &SVector<f64, N>) {
+    pub(crate) fn carry(&mut self, disturbance: &Joints<N>, effort: &Joints<N>) {
         if disturbance.amax() > 0.0 {
             self.tau = Self::holding(&(self.tau - disturbance), effort).tau;
         }
     }
 
     /// One that a checkpoint has, within the limits; nothing at all where it is not a number: a damaged checkpoint moves no arm.
-    #[must_use]
-    pub fn restored([tau, path, null]: [SVector<f64, N>; 3], effort: &SVector<f64, N>) -> Self {
-        let zero = SVector::zeros();
+    pub fn restored([tau, path, null]: [Joints<N>; 3], effort: &Joints<N>) -> Self {
+        let zero = Joints::zeros();
         if ![tau, path, null].iter().flatten().all(|x| x.is_finite()) {
             return Self::holding(&zero, effort);
         }
@@ -197,7 +201,7 @@ mod tests {
     /// Two sliding joints, one upright: a push downwards is a payload's, one upwards a contact's.
     #[test]
     fn a_payload_is_carried_and_a_contact_is_not_pressed_against() {
-        let mut J = SMatrix::zeros();
+        let mut J = Jacobian::zeros();
         (J[(2, 0)], J[(0, 1)]) = (1.0, 1.0);
         let drives = Drives {
             effort: Vector2::repeat(20.0),

@@ -27,7 +27,6 @@ impl Neighborhood {
     }
 
     /// Weight of operational control along ζ_i: 0 at |s| ≤ η_in, 1 at |s| ≥ η_out, continuously differentiable between.
-    #[must_use]
     #[inline]
     pub fn openness(&self, s: f64) -> f64 {
         // Where both are the same the quotient is 0/0 there.

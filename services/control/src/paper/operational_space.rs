@@ -3,23 +3,8 @@
 //! J is any set of rows of full rank: all of the task's where the arm is regular, without the singular ones where it is not. It is kept as Jᵀ in an N×N
 //! matrix, zero beyond the rows there are, so that one size serves every rank and nothing is allocated.
 
+use crate::types::Refusal;
 use nalgebra::{SMatrix, SVector};
-
-/// Why operational-space quantities do not exist.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum OperationalError {
-    /// J A⁻¹ Jᵀ is not positive definite: J has dependent rows.
-    #[error(
-        "row {row} of the Jacobian depends on those before it: drop the singular directions first"
-    )]
-    RankDeficient {
-        /// Index of the row.
-        row: usize,
-    },
-    /// The mass matrix is not positive definite, or not finite.
-    #[error("the mass matrix is not positive definite")]
-    MassMatrix,
-}
 
 /// Share of a row, squared and in the metric of A⁻¹, that must be new against the rows before it; between the 1e-16 of rounding and the 1e-4 of a
 /// regular set of rows.
@@ -37,15 +22,15 @@ impl<const N: usize> Cholesky<N> {
     /// Factors G, of which the lower half is read. Shape N×N · Cost O(N³), no allocation
     ///
     /// # Errors
-    /// Index of the first row that depends on those before it, or is not finite.
+    /// [`Refusal::Singular`] where a row depends on those before it, or is not finite.
     #[inline]
-    pub fn new(mut G: SMatrix<f64, N, N>) -> Result<Self, usize> {
+    pub fn new(mut G: SMatrix<f64, N, N>) -> Result<Self, Refusal> {
         let whole = G.diagonal();
         let mut reciprocals = SVector::zeros();
         for k in 0..N {
             let pivot = G[(k, k)];
             if pivot.is_nan() || pivot <= NEW * whole[k] {
-                return Err(k);
+                return Err(Refusal::Singular);
             }
             reciprocals[k] = 1.0 / pivot.sqrt();
             for i in 0..N {
@@ -80,7 +65,6 @@ impl<const N: usize> Cholesky<N> {
     }
 
     /// The solution of LLᵀX = B.
-    #[must_use]
     #[inline]
     pub fn solve<const K: usize>(&self, B: &SMatrix<f64, N, K>) -> SMatrix<f64, N, K> {
         let mut x = self.forward(B).transpose();
@@ -112,14 +96,14 @@ impl<const N: usize> Operational<N> {
     /// Shapes Jᵀ N×N, A N×N · Frame: that of J's rows · Cost O(N³), no allocation
     ///
     /// # Errors
-    /// [`OperationalError`] if A or J A⁻¹ Jᵀ has no Cholesky factor.
+    /// [`Refusal::Singular`] where A is not positive definite, or a row of J depends on those before it: leave the singular directions out first.
     #[inline]
     pub fn new(
         J_T: SMatrix<f64, N, N>,
         count: usize,
         A: &SMatrix<f64, N, N>,
-    ) -> Result<Self, OperationalError> {
-        let A = Cholesky::new(*A).map_err(|_| OperationalError::MassMatrix)?;
+    ) -> Result<Self, Refusal> {
+        let A = Cholesky::new(*A)?;
         let half = A.forward(&J_T);
         let mut inverse = half.transpose() * half;
         (count..N).for_each(|i| inverse[(i, i)] = 1.0);
@@ -127,14 +111,12 @@ impl<const N: usize> Operational<N> {
             J_T,
             count,
             A,
-            Lambda_inverse: Cholesky::new(inverse)
-                .map_err(|row| OperationalError::RankDeficient { row })?,
+            Lambda_inverse: Cholesky::new(inverse)?,
         })
     }
 
     /// The operational force that gives the rows the accelerations `a` less J̇q̇: F = Λa, Λ = (J A⁻¹ Jᵀ)⁻¹ symmetric positive definite.
     /// Shape N×K for K accelerations, zero beyond the rows; N, N·m.
-    #[must_use]
     #[inline]
     pub fn force<const K: usize>(&self, a: &SMatrix<f64, N, K>) -> SMatrix<f64, N, K> {
         self.Lambda_inverse.solve(a)
@@ -145,7 +127,6 @@ impl<const N: usize> Operational<N> {
     /// J̄ = A⁻¹JᵀΛ, Λ = (J A⁻¹ Jᵀ)⁻¹     [CK95 Eq. 4]
     ///
     /// Shape N×K for K motions, zero beyond the rows → N×K · Ensures J·J̄ = 1, and the least kinetic energy
-    #[must_use]
     #[inline]
     pub fn Jbar<const K: usize>(&self, x: &SMatrix<f64, N, K>) -> SMatrix<f64, N, K> {
         self.A.solve(&(self.J_T * self.force(x)))
@@ -156,7 +137,6 @@ impl<const N: usize> Operational<N> {
     /// Γ = JᵀF + [1 − JᵀJ̄ᵀ]Γ₀     [CK95 Eq. 3]
     ///
     /// Shapes F N, zero beyond the rows, Γ₀ N → N; N·m · Ensures that Γ₀ does not accelerate the task; with as many rows as joints nothing of it is left
-    #[must_use]
     #[inline]
     pub fn torque(&self, F: &SVector<f64, N>, Gamma_0: &SVector<f64, N>) -> SVector<f64, N> {
         if self.count == N {
@@ -168,7 +148,6 @@ impl<const N: usize> Operational<N> {
     }
 
     /// The share of the accelerations `a` of the rows from `kept` on that the rows before them do not cause, a_s − J_s·J̄_r·a_r; zero in those rows.
-    #[must_use]
     #[inline]
     pub fn not_caused(&self, a: &SVector<f64, N>, kept: usize) -> SVector<f64, N> {
         let mut y = self.Lambda_inverse.forward(a);
@@ -182,7 +161,6 @@ impl<const N: usize> Operational<N> {
 /// Γ₀ = −A(q)[∇V₀ + k_vq q̇]     [CK95 Eq. 5]
 ///
 /// A multiplies the gradient, so the null-space motion is decoupled: ∇V₀ is an acceleration, rad/s²; k_vq 1/s. Shape n; N·m.
-#[must_use]
 #[inline]
 pub fn null_torque<const N: usize>(
     A: &SMatrix<f64, N, N>,
@@ -196,12 +174,13 @@ pub fn null_torque<const N: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::linear::{Jacobian, Matrix3, Vector3, Vector6, unit};
     use crate::testing::{posture, puma, three_r};
-    use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
+    use nalgebra::Matrix6;
     use proptest::prelude::*;
 
     /// The rows of a Jacobian whose first `count` are kept, as columns.
-    fn kept<const N: usize>(J: &SMatrix<f64, 6, N>, count: usize) -> SMatrix<f64, N, N> {
+    fn kept<const N: usize>(J: &Jacobian<N>, count: usize) -> SMatrix<f64, N, N> {
         SMatrix::from_fn(|i, k| if k < count { J[(k, i)] } else { 0.0 })
     }
 
@@ -209,9 +188,7 @@ mod tests {
     fn matrix<const N: usize>(
         f: impl Fn(&SVector<f64, N>) -> SVector<f64, N>,
     ) -> SMatrix<f64, N, N> {
-        SMatrix::from_columns(&std::array::from_fn::<_, N, _>(|k| {
-            f(&SVector::from_fn(|i, _| if i == k { 1.0 } else { 0.0 }))
-        }))
+        SMatrix::from_columns(&std::array::from_fn::<_, N, _>(|k| f(&unit(k))))
     }
 
     proptest! {
@@ -251,7 +228,7 @@ mod tests {
         let terms = three_r().evaluate(&Vector3::new(0.5, 1.0, 0.8), &Vector3::zeros());
         let J = terms.J.fixed_rows::<2>(0).into_owned();
         let Gamma_0 = Vector3::new(20.0, -10.0, 15.0);
-        let accelerates = |Gamma: Vector3<f64>| (J * terms.A.try_inverse().unwrap() * Gamma).norm();
+        let accelerates = |Gamma: Vector3| (J * terms.A.try_inverse().unwrap() * Gamma).norm();
         let op = Operational::new(kept(&terms.J, 2), 2, &terms.A).unwrap();
         let consistent = accelerates(op.torque(&SVector::zeros(), &Gamma_0));
         let Jplus = J.pseudo_inverse(1e-9).unwrap();
@@ -267,7 +244,7 @@ mod tests {
         let J_T = Matrix3::new(1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0);
         assert_eq!(
             Operational::new(J_T, 2, &Matrix3::identity()).unwrap_err(),
-            OperationalError::RankDeficient { row: 1 }
+            Refusal::Singular
         );
     }
 }

@@ -1,33 +1,7 @@
 //! The singular frame: the directions of the task that are orthogonal to the singular ones.
 
-use crate::law::Engaged;
+use crate::linear::{Basis, Vector3, Vector6, halves};
 use crate::types::Refusal;
-use nalgebra::{SVector, Vector3, Vector6};
-
-/// Directions of the task orthogonal to the singular ones, orthonormal within each half, and how many.
-#[derive(Clone, Copy, Debug)]
-pub struct OrthogonalRows {
-    rows: [Vector6<f64>; 6],
-    count: usize,
-}
-
-impl OrthogonalRows {
-    /// Adds a direction of the half of the task whose first axis is `from`.
-    #[inline]
-    fn push(&mut self, from: usize, direction: &Vector3<f64>) {
-        self.rows[self.count]
-            .fixed_rows_mut::<3>(from)
-            .copy_from(direction);
-        self.count += 1;
-    }
-}
-
-impl std::ops::Deref for OrthogonalRows {
-    type Target = [Vector6<f64>];
-    fn deref(&self) -> &[Vector6<f64>] {
-        &self.rows[..self.count]
-    }
-}
 
 /// The orthogonal complement of the singular directions in the task, translations and rotations apart.
 ///
@@ -42,110 +16,42 @@ impl std::ops::Deref for OrthogonalRows {
 #[inline]
 pub fn orthogonal_rows<const N: usize>(
     task: &[bool; 6],
-    engaged: &[Engaged<N>],
-) -> Result<OrthogonalRows, Refusal> {
-    let mut orthogonal = OrthogonalRows {
-        rows: [Vector6::zeros(); 6],
-        count: 0,
-    };
+    zetas: impl ExactSizeIterator<Item = Vector6> + Clone,
+) -> Result<Basis<6>, Refusal> {
+    let mut orthogonal = Basis::<6>::empty();
     for from in [0, 3] {
         let axes = || {
             (0..3)
                 .filter(|k| task[from + k])
-                .map(|k| Vector3::from_fn(|i, _| if i == k { 1.0 } else { 0.0 }))
+                .map(|k| Vector3::ith(k, 1.0))
         };
         // Orthonormal directions so far: singular ones first, then those orthogonal to them.
         let mut basis = Basis::<3>::empty();
-        for one in engaged {
-            let zeta = one.zeta_B.fixed_rows::<3>(from);
+        for zeta in zetas.clone() {
+            let zeta = zeta.fixed_rows::<3>(from);
             if zeta.norm_squared() > 0.25 {
                 basis.add(Vector3::from_fn(
                     |k, _| if task[from + k] { zeta[k] } else { 0.0 },
                 ));
             }
         }
-        if basis.count() == 0 {
+        if basis.is_empty() {
             // Nothing is dropped here: the axes of the task themselves.
             for axis in axes() {
-                orthogonal.push(from, &axis);
+                orthogonal.push(halves(&axis, from == 3));
             }
             continue;
         }
         let count = axes().count();
-        while basis.count() < count {
+        while basis.len() < count {
             if !basis.add_best(axes()) {
                 break;
             }
-            orthogonal.push(from, &basis.last());
+            orthogonal.push(halves(&basis[basis.len() - 1], from == 3));
         }
     }
-    if orthogonal.count + engaged.len() > N {
+    if orthogonal.len() + zetas.len() > N {
         return Err(Refusal::Singular);
     }
     Ok(orthogonal)
-}
-
-/// An orthonormal set that grows: Gram–Schmidt, twice for orthogonality to rounding.
-#[derive(Clone, Copy, Debug)]
-pub struct Basis<const D: usize> {
-    vectors: [SVector<f64, D>; D],
-    count: usize,
-}
-
-impl<const D: usize> Basis<D> {
-    /// The empty set.
-    #[must_use]
-    pub fn empty() -> Self {
-        Self {
-            vectors: [SVector::zeros(); D],
-            count: 0,
-        }
-    }
-
-    /// How many vectors it has.
-    #[must_use]
-    pub fn count(&self) -> usize {
-        self.count
-    }
-
-    /// The vector added last.
-    #[must_use]
-    pub fn last(&self) -> SVector<f64, D> {
-        self.vectors[self.count - 1]
-    }
-
-    #[inline]
-    fn residual(&self, mut v: SVector<f64, D>) -> SVector<f64, D> {
-        for _ in 0..2 {
-            for b in &self.vectors[..self.count] {
-                v -= b * b.dot(&v);
-            }
-        }
-        v
-    }
-
-    /// Adds what is new in `v`; false if nothing is (less than 1e-6 of it), or the set is full.
-    pub fn add(&mut self, v: SVector<f64, D>) -> bool {
-        let (length, residual) = (v.norm(), self.residual(v));
-        let new = residual.norm();
-        if self.count == D || new <= 1e-6 * length || new == 0.0 {
-            return false;
-        }
-        self.vectors[self.count] = residual / new;
-        self.count += 1;
-        true
-    }
-
-    /// Adds the candidate with the largest new part.
-    pub fn add_best(&mut self, candidates: impl Iterator<Item = SVector<f64, D>>) -> bool {
-        let mut best = SVector::zeros();
-        let mut size = 0.0;
-        for candidate in candidates {
-            let residual = self.residual(candidate);
-            if residual.norm_squared() > size {
-                (best, size) = (residual, residual.norm_squared());
-            }
-        }
-        self.add(best)
-    }
 }

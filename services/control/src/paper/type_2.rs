@@ -1,60 +1,19 @@
 //! Type 2: null-space motion only turns ζ_i. It is held constant, or driven to ζ_id by a potential [CK95 §4].
 
 use super::reference::Target;
+use crate::linear::{Joints, Vector3};
 use crate::types::{Mode, Singularity};
-use nalgebra::{SVector, Vector3};
 
 /// Turning rate of ζ per null motion, rad per rad, below which it cannot be turned.
 pub const TURNS: f64 = 0.05;
 
-/// The auxiliary angle at which ζ_i leaves the desired motion feasible.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Direction {
-    /// Desired minus present angle, rad.
-    pub error: f64,
-    /// Rate of the desired angle, rad/s.
-    pub rate: f64,
-    /// Weight of the error, 0 to 1.
-    pub weight: f64,
-    /// ζ is held off the direction of travel, to pass straight through.
-    pub passing: bool,
-    /// The desired motion hardly depends on ζ: it is held.
-    pub holding: bool,
-    /// The desired pose is beyond reach.
-    pub clipped: bool,
-}
-
-/// ζ_i driven to the direction that the desired motion needs; held where there is none.
+/// ζ_i held constant: the coordinate stays where it is.
 ///
-/// Units rad, rad/s · Ensures zero error and zero rate where `direction` is `None` · Errors none · Source CK95 §4, Type 2 · Cost O(1)
+/// Source CK95 §4, Type 2
 #[must_use]
-pub fn target(direction: Option<Direction>) -> Target {
-    let Some(Direction {
-        error,
-        rate,
-        weight,
-        passing,
-        holding,
-        clipped,
-    }) = direction
-    else {
-        return Target {
-            mode: Mode::Hold,
-            ..Target::default()
-        };
-    };
-    let mode = match (passing, clipped, holding) {
-        (true, ..) => Mode::Pass,
-        (_, true, _) => Mode::Slide,
-        (.., true) => Mode::Hold,
-        _ => Mode::Track,
-    };
+pub fn held() -> Target {
     Target {
-        error,
-        rate,
-        weight,
-        mode,
-        clipped,
+        mode: Mode::Hold,
         ..Target::default()
     }
 }
@@ -63,23 +22,22 @@ pub fn target(direction: Option<Direction>) -> Target {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Turn<const N: usize> {
     /// ζ when it began.
-    pub from: Vector3<f64>,
+    pub from: Vector3,
     /// The whole angle, rad.
     pub angle: f64,
     /// Predicted motion of each joint, rad.
-    pub by: SVector<f64, N>,
+    pub by: Joints<N>,
     /// Predicted duration, s; 0 before it begins.
     pub duration_s: f64,
 }
 
 impl<const N: usize> Turn<N> {
     /// No turn.
-    #[must_use]
     pub fn none() -> Self {
         Self {
             from: Vector3::zeros(),
             angle: 0.0,
-            by: SVector::zeros(),
+            by: Joints::zeros(),
             duration_s: 0.0,
         }
     }
@@ -88,7 +46,6 @@ impl<const N: usize> Turn<N> {
     ///
     /// `share` of the way, 0 to 1, and its rate `share_rate`, 1/s of the path's clock, whose speed is `clock`. Requires the singularity's κ₂ to be the
     /// turning rate of ζ per auxiliary coordinate; |κ₂| ≤ 0.05 counts as one. Ensures an error in (−π, π]/κ₂ · Errors none · Cost O(1)
-    #[must_use]
     pub fn target(&self, s: &Singularity<N>, share: f64, share_rate: f64, clock: f64) -> Target {
         let turned = turned(s, &self.from);
         let wanted = self.angle * share;
@@ -112,7 +69,7 @@ impl<const N: usize> Turn<N> {
 }
 
 /// Angle through which ζ_i has turned since `from`, in (−π, π], about the second axis of its singular frame.
-fn turned<const N: usize>(s: &Singularity<N>, from: &Vector3<f64>) -> f64 {
+fn turned<const N: usize>(s: &Singularity<N>, from: &Vector3) -> f64 {
     let (zeta, axis) = (s.axis(), s.R_BS.column(1).into_owned());
     libm::atan2(axis.dot(&from.cross(&zeta)), from.dot(&zeta))
 }

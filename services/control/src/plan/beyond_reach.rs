@@ -1,10 +1,9 @@
 //! A goal beyond reach, as the plan of the path finds it: said before the start, and where its leg has ended short of it (+).
 
 use crate::controller::Setup;
-use crate::linear::{angular, linear};
+use crate::linear::{angular, linear, served};
 use crate::reference::guide::Guide;
 use crate::types::Command;
-use nalgebra::Vector6;
 use shared_types::bounds::within;
 
 /// A goal that no posture of the arm has, found before the first tick, in words.
@@ -24,7 +23,7 @@ pub(crate) fn marked<const N: usize>(command: Command<N>, setup: &Setup<N>) -> C
         .guide
         .beyond_reach()
         .is_some_and(|(leg, _)| command.segment as usize > leg);
-    let served = Vector6::from_fn(|k, _| if task[k] { command.error[k] } else { 0.0 });
+    let served = served(task, &command.error);
     let arrived = within(linear(&served).norm() * 1e3, goal.position_mm)
         && within(angular(&served).norm().to_degrees(), goal.orientation_deg);
     Command {

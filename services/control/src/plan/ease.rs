@@ -13,8 +13,8 @@
 use super::kinematics::{Kinematics, SOLVED};
 use super::request::Request;
 use super::route::{BEND, CLEAR_SPARE, Knot, SPEED};
+use crate::linear::Joints;
 use model::Pose;
-use nalgebra::SVector;
 
 /// The weight of the square beside the power.
 const SQUARE: f64 = 0.02;
@@ -29,9 +29,9 @@ const KNOTS: f64 = 120.0;
 
 /// The limits by which the postures of a leg are judged.
 struct Judge<const N: usize> {
-    speeds: SVector<f64, N>,
-    lower: SVector<f64, N>,
-    upper: SVector<f64, N>,
+    speeds: Joints<N>,
+    lower: Joints<N>,
+    upper: Joints<N>,
 }
 
 /// A leg whose spare joint moves otherwise, and so takes less time; `None` where there is not one spare joint, where its posture is commanded, where the
@@ -97,7 +97,7 @@ fn on_path<const N: usize>(
     knot: &Knot<N>,
     pose: &dyn Fn(f64) -> Pose,
 ) -> Option<Knot<N>> {
-    let (q, e) = arm.solve(&pose(knot.t), &knot.q, &SVector::zeros(), 0.0, SOLVED);
+    let (q, e) = arm.solve(&pose(knot.t), &knot.q, &Joints::zeros(), 0.0, SOLVED);
     (e.norm() < 1e-7).then_some(Knot { q, ..*knot })
 }
 
@@ -128,8 +128,8 @@ fn sixth(r: f64) -> f64 {
 }
 
 /// The direction of the spare joint at each knot, without a jump.
-fn directions<const N: usize>(arm: &Kinematics<'_, N>, knots: &[Knot<N>]) -> Vec<SVector<f64, N>> {
-    let mut last = SVector::zeros();
+fn directions<const N: usize>(arm: &Kinematics<'_, N>, knots: &[Knot<N>]) -> Vec<Joints<N>> {
+    let mut last = Joints::zeros();
     let aligned = knots.iter().map(|knot| {
         let n = arm.spectrum(&knot.q).spare()[0];
         last = if n.dot(&last) < 0.0 { -n } else { n };
@@ -154,7 +154,7 @@ fn is_smooth<const N: usize>(
 
 impl<const N: usize> Judge<N> {
     /// How far joint j is within its lower and its upper limit's reach.
-    fn near(&self, q: &SVector<f64, N>, j: usize) -> [f64; 2] {
+    fn near(&self, q: &Joints<N>, j: usize) -> [f64; 2] {
         let part = |gap: f64| {
             if gap < CLEAR_SPARE {
                 f64::INFINITY
@@ -177,7 +177,7 @@ impl<const N: usize> Judge<N> {
     }
 
     /// The Newton step of all α; the first posture is where the arm stands.
-    fn newton(&self, knots: &[Knot<N>], n: &[SVector<f64, N>]) -> Vec<f64> {
+    fn newton(&self, knots: &[Knot<N>], n: &[Joints<N>]) -> Vec<f64> {
         let count = knots.len();
         let (mut diagonal, mut beside) = (vec![1e-9; count], vec![0.0; count]);
         let mut right = vec![0.0; count];

@@ -1,9 +1,12 @@
 //! Inverse kinematics by Newton steps, in units in which a metre and a radian compare (+).
 
-use crate::linear::{angular, displaced, linear, served, stack, symmetric_eigen};
+use super::request::Deviation;
+use crate::linear::{
+    Jacobian, Joints, Matrix3, Vector3, Vector6, angular, displaced, linear, served, stack,
+    symmetric_eigen,
+};
 use crate::reference::free_axis::{free_axis, rotation_error};
-use model::{Model, Pose};
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3, Vector6};
+use model::{Model, Pose, TaskAxes};
 
 /// Unit-scaled singular value below which a Newton step asks nothing of a direction.
 const FLOOR: f64 = 1e-6;
@@ -27,7 +30,7 @@ pub struct Kinematics<'a, const N: usize> {
     /// The arm.
     pub model: &'a Model<N>,
     /// C in the end-effector's axes, m.
-    pub p_EC: Vector3<f64>,
+    pub p_EC: Vector3,
     /// Which of the six task axes count.
     pub task: [bool; 6],
     /// The length that makes metres and radians comparable, m.
@@ -41,11 +44,11 @@ pub(crate) const LOCKED: f64 = 2e-3;
 #[derive(Clone, Copy, Debug)]
 pub struct Spectrum<const N: usize> {
     /// The unit-scaled Jacobian at C, rows without a task axis zero.
-    pub J: SMatrix<f64, 6, N>,
+    pub J: Jacobian<N>,
     /// Singular values, smallest first; the first `free` belong to the spare joints.
     pub sigma: [f64; N],
     /// Right singular vectors.
-    pub v: [SVector<f64, N>; N],
+    pub v: [Joints<N>; N],
     /// Joints more than task axes.
     pub free: usize,
     /// Absent joints, which move nothing: the first of the spare ones.
@@ -54,22 +57,19 @@ pub struct Spectrum<const N: usize> {
 
 impl<const N: usize> Spectrum<N> {
     /// The smallest singular value of the task.
-    #[must_use]
     pub fn smallest(&self) -> f64 {
         self.sigma.get(self.free).copied().unwrap_or(0.0)
     }
 
     /// σ_k v_k's left vector: the task direction that the joint motion `v` moves, not normalised where it moves nothing.
-    #[must_use]
-    pub fn lost(&self, k: usize) -> Vector6<f64> {
+    pub fn lost(&self, k: usize) -> Vector6 {
         // The left vector of a vanishing σ: what no joint motion with a larger σ produces. Left to the caller for k with σ_k > 0.
         self.J * self.v[k]
     }
 
     /// Σ v_k (J v_k)ᵀe/(σ_k² + λ²) over what is above the floor: the shortest joint motion for the task displacement `e`.
-    #[must_use]
-    pub fn solve(&self, e: &Vector6<f64>, damping: f64) -> SVector<f64, N> {
-        let mut dq = SVector::zeros();
+    pub fn solve(&self, e: &Vector6, damping: f64) -> Joints<N> {
+        let mut dq = Joints::zeros();
         for k in self.free..N {
             let square = self.sigma[k] * self.sigma[k];
             if self.sigma[k] > FLOOR {
@@ -80,23 +80,21 @@ impl<const N: usize> Spectrum<N> {
     }
 
     /// Directions in which spare joints move.
-    pub(super) fn spare(&self) -> &[SVector<f64, N>] {
+    pub(super) fn spare(&self) -> &[Joints<N>] {
         &self.v[self.absent.min(self.free)..self.free]
     }
 
     /// The share of `dq` that moves nothing.
-    #[must_use]
-    pub fn null_part(&self, dq: &SVector<f64, N>) -> SVector<f64, N> {
+    pub fn null_part(&self, dq: &Joints<N>) -> Joints<N> {
         self.v[..self.free]
             .iter()
-            .fold(SVector::zeros(), |sum, v| sum + v * v.dot(dq))
+            .fold(Joints::zeros(), |sum, v| sum + v * v.dot(dq))
     }
 }
 
 impl<const N: usize> Kinematics<'_, N> {
     /// The pose of C.
-    #[must_use]
-    pub fn pose(&self, q: &SVector<f64, N>) -> Pose {
+    pub fn pose(&self, q: &Joints<N>) -> Pose {
         let X = self.model.forward_kinematics(q);
         Pose {
             R: X.R,
@@ -105,16 +103,14 @@ impl<const N: usize> Kinematics<'_, N> {
     }
 
     /// From `X` to `X_d`, unit-scaled, on the task's axes; where two rotations are served, whatever the third one is.
-    #[must_use]
-    pub fn error(&self, X_d: &Pose, X: &Pose) -> Vector6<f64> {
+    pub fn error(&self, X_d: &Pose, X: &Pose) -> Vector6 {
         let turn = rotation_error(&X_d.R, &X.R, free_axis(&self.task).as_ref());
         let e = stack(&((X_d.p - X.p) / self.length_m), &turn);
         served(&self.task, &e)
     }
 
     /// The spectrum of the unit-scaled Jacobian at C.
-    #[must_use]
-    pub fn spectrum(&self, q: &SVector<f64, N>) -> Spectrum<N> {
+    pub fn spectrum(&self, q: &Joints<N>) -> Spectrum<N> {
         let mut J = self.model.jacobian(q);
         let is_absent: [bool; N] = std::array::from_fn(|i| J.column(i).amax() == 0.0);
         let r = self.model.forward_kinematics(q).R * self.p_EC;
@@ -133,7 +129,7 @@ impl<const N: usize> Kinematics<'_, N> {
             let by_value = values[*a].total_cmp(&values[*b]);
             moves[*a].cmp(&moves[*b]).then(by_value)
         });
-        let rows = self.task.iter().filter(|counts| **counts).count();
+        let rows = TaskAxes(self.task).count();
         Spectrum {
             J,
             // The norm of J·v resolves what the square root of an eigenvalue's rounding would not.
@@ -147,15 +143,14 @@ impl<const N: usize> Kinematics<'_, N> {
     /// The solution that continues `guess`; `drift` is null-space motion wanted on the way.
     ///
     /// Returns the posture and the pose error that is left: at most [`SOLVED`] (or `enough`) where it converged.
-    #[must_use]
     pub fn solve(
         &self,
         X_d: &Pose,
-        guess: &SVector<f64, N>,
-        drift: &SVector<f64, N>,
+        guess: &Joints<N>,
+        drift: &Joints<N>,
         damping: f64,
         enough: f64,
-    ) -> (SVector<f64, N>, Vector6<f64>) {
+    ) -> (Joints<N>, Vector6) {
         let mut q = *guess;
         let mut drift = *drift;
         let mut e = self.error(X_d, &self.pose(&q));
@@ -172,7 +167,7 @@ impl<const N: usize> Kinematics<'_, N> {
             let mut dq = spectrum.solve(&e, damping);
             if wanted {
                 dq += spectrum.null_part(&drift);
-                drift = SVector::zeros();
+                drift = Joints::zeros();
             }
             let size = dq.amax();
             if !size.is_finite() {
@@ -191,17 +186,13 @@ impl<const N: usize> Kinematics<'_, N> {
     }
 
     /// The posture near `guess` of a self-motion at the pose `X`, and the error that is left: in a lock, where rounding errors are not to turn the joints.
-    pub(super) fn at_rest(
-        &self,
-        X: &Pose,
-        guess: &SVector<f64, N>,
-    ) -> (SVector<f64, N>, Vector6<f64>) {
-        let zero = SVector::zeros();
+    pub(super) fn at_rest(&self, X: &Pose, guess: &Joints<N>) -> (Joints<N>, Vector6) {
+        let zero = Joints::zeros();
         self.solve(X, guess, &zero, PLAIN_DAMPING, AT_REST)
     }
 
     /// The posture of a pose that damped steps from `near` lead to: the damping falls where a step helps, and grows where it does not.
-    pub(super) fn approach(&self, X: &Pose, near: &SVector<f64, N>) -> Option<SVector<f64, N>> {
+    pub(super) fn approach(&self, X: &Pose, near: &Joints<N>) -> Option<Joints<N>> {
         let (mut q, mut damping) = (*near, 0.1);
         let mut e = self.error(X, &self.pose(&q));
         let mut spectrum = self.spectrum(&q);
@@ -225,17 +216,10 @@ impl<const N: usize> Kinematics<'_, N> {
         None
     }
 
-    /// Largest part of a unit-scaled error at C over what is allowed of it at E: position (m) and orientation (rad).
-    #[must_use]
-    pub fn excess(
-        &self,
-        e: &Vector6<f64>,
-        R: &Matrix3<f64>,
-        position_m: f64,
-        orientation_rad: f64,
-    ) -> f64 {
+    /// Largest part of a unit-scaled error at C over what is allowed of it at E.
+    pub fn excess(&self, e: &Vector6, R: &Matrix3, allowed: &Deviation) -> f64 {
         let at_E = linear(e) * self.length_m - angular(e).cross(&(R * self.p_EC));
-        (at_E.norm() / position_m).max(angular(e).norm() / orientation_rad)
+        (at_E.norm() / allowed.position_m).max(angular(e).norm() / allowed.orientation_rad)
     }
 }
 
@@ -246,11 +230,6 @@ pub(super) fn lowest((mut low, mut high): (f64, f64), steps: u32, f: impl Fn(f64
         if f(c) < f(d) { high = d } else { low = c }
     }
     0.5 * (low + high)
-}
-
-/// The longest of the times that the joints take for a motion at these speeds, s.
-pub(super) fn slowest<const N: usize>(by: &SVector<f64, N>, speeds: &SVector<f64, N>) -> f64 {
-    (0..N).fold(0.0, |time, i| time.max(by[i].abs() / speeds[i]))
 }
 
 #[cfg(test)]
@@ -264,8 +243,8 @@ mod tests {
         fn newton_finds_a_near_pose(q in posture(puma()), by in prop::array::uniform6(-0.05..0.05)) {
             let arm = Kinematics { model: puma(), p_EC: Vector3::zeros(), task: [true; 6], length_m: 0.43 };
             prop_assume!(arm.spectrum(&q).smallest() > 0.05);
-            let there = arm.pose(&(q + SVector::from(by)));
-            let (found, e) = arm.solve(&there, &q, &SVector::zeros(), 0.0, SOLVED);
+            let there = arm.pose(&(q + Joints::from(by)));
+            let (found, e) = arm.solve(&there, &q, &Joints::zeros(), 0.0, SOLVED);
             prop_assert!(e.norm() < SOLVED, "{e}");
             prop_assert!(arm.error(&there, &arm.pose(&found)).norm() < 1e-8);
         }

@@ -28,18 +28,18 @@ mod route;
 pub(crate) mod scenario;
 mod schedule;
 
-pub use request::{Request, Turning};
+pub use request::{Deviation, Request};
 pub use schedule::{PathPlan, Sample};
 
+use crate::linear::{Joints, Vector3};
 use crate::paper::type_1::SIDE_CHANGE;
 use crate::reference::path::{Leg, Progress};
 use crate::singularity::analyzer::Analyzer;
 use crate::types::{Kind, Report};
 use kinematics::Kinematics;
 use model::{Model, Pose};
-use nalgebra::{SVector, Vector3};
 use request::{analyse, centre};
-use route::{ADVICE, ARRIVED, Block, Bounds, Effort, Furthest, Knot, STEPS, Search, Stretch};
+use route::{ADVICE, ARRIVED, Block, Effort, Furthest, Knot, STEPS, Search, Stretch};
 
 /// Most layers of a leg.
 pub const LAYERS: usize = 40;
@@ -95,9 +95,9 @@ pub enum Obstacle {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Remedy<const N: usize> {
     /// Start in this posture of the same pose, rad.
-    Start(SVector<f64, N>),
-    /// Allow so much deviation from the path: m, rad.
-    Allow(f64, f64),
+    Start(Joints<N>),
+    /// Allow so much deviation from the path.
+    Allow(Deviation),
 }
 
 /// A remedy for a task that is not feasible, and that `helps`: another posture of the start pose, else more deviation from the path.
@@ -107,7 +107,7 @@ pub fn remedy<const N: usize>(
     request: &Request<'_, N>,
     helps: &mut dyn FnMut(&Remedy<N>) -> bool,
 ) -> Option<Remedy<N>> {
-    let legs = (0..).take_while(|i| request.path.leg(*i).is_some()).count();
+    let legs = request.path.legs().len();
     let holds = |request: &Request<'_, N>| {
         let found = attempt(request, Effort::Branches, &[], ADVICE);
         found.is_ok_and(|plan| plan.legs() == legs)
@@ -140,12 +140,14 @@ pub fn remedy<const N: usize>(
         (Remedy::Start(*q), there)
     });
     let allowances = ALLOWANCES.map(|factor| {
-        let more = Request {
-            position_m: request.position_m * factor,
-            orientation_rad: request.orientation_rad * factor,
-            ..*request
-        };
-        (Remedy::Allow(more.position_m, more.orientation_rad), more)
+        let allowed = request.allowed.times(factor);
+        (
+            Remedy::Allow(allowed),
+            Request {
+                allowed,
+                ..*request
+            },
+        )
     });
     other_starts
         .chain(allowances)
@@ -217,7 +219,7 @@ fn has_spare_joints<const N: usize>(request: &Request<'_, N>) -> bool {
     // An absent joint moves nothing, and is no spare one.
     let J = request.model.jacobian(&request.q_start);
     let joints = J.column_iter().filter(|column| column.amax() > 0.0).count();
-    joints > request.task.iter().filter(|counts| **counts).count()
+    joints > request.robot.task.count()
 }
 
 /// The outcome of a search.
@@ -294,20 +296,13 @@ impl<'a, const N: usize> Route<'a, N> {
         let mut analyzer = request.analyzer.clone();
         let report = analyse(&mut analyzer, model, &q_start);
         let arm = request.kinematics(centre(model, &q_start, &report));
-        let bounds = Bounds {
-            lower: *model.lower(),
-            upper: *model.upper(),
-            velocity: request.velocity(),
-            position_m: request.position_m,
-            orientation_rad: request.orientation_rad,
-        };
         let mut progress = Progress::at(model.forward_kinematics(&q_start));
         path.advance(&mut progress, 0.0, &report);
-        let legs = (0..).take_while(|i| path.leg(*i).is_some()).count();
+        let legs = path.legs().len();
         Self {
             request,
             arm,
-            search: Search::new(arm, bounds, q_start, most),
+            search: Search::new(request, arm, most),
             layer: vec![0],
             begun: progress,
             progress,
@@ -361,8 +356,8 @@ impl<'a, const N: usize> Route<'a, N> {
         self.choose(node);
         let q = self.search.node(node).q;
         // Where ζ cannot be turned the controller reports it when the leg begins.
-        let by =
-            (self.request.turning)(&q, &self.report, place, angle).unwrap_or_else(SVector::zeros);
+        let by = self.request.turning(&q, &self.report, place, angle);
+        let by = by.unwrap_or_else(Joints::zeros);
         let knots = (1..=24).map(|k| {
             let t = leg.duration_s * f64::from(k) / 24.0;
             let x = self.request.path.fraction(&Progress {
@@ -385,7 +380,7 @@ impl<'a, const N: usize> Route<'a, N> {
             ..
         } = request;
         let (begun, from_s, pose) = (self.progress, self.from_s, self.pose(self.progress));
-        let side = |q: &SVector<f64, N>| request.side(q);
+        let side = |q: &Joints<N>| request.side(q);
         let goal = postures.get(begun.leg).copied().flatten();
         let before = begun
             .leg
@@ -412,9 +407,7 @@ impl<'a, const N: usize> Route<'a, N> {
             pose: &pose,
             branch: leg.branch,
             side: &side,
-            posture: goal
-                .is_some()
-                .then_some(&ramp as &dyn Fn(f64) -> SVector<f64, N>),
+            posture: goal.is_some().then_some(&ramp as &dyn Fn(f64) -> Joints<N>),
             layers: &layers,
             lines: lines as u32,
             effort: if still && effort == Effort::Fan {
@@ -450,7 +443,7 @@ impl<'a, const N: usize> Route<'a, N> {
             return None;
         }
         let error = arm.error(&goal, &pose(far.t - self.from_s));
-        let left = arm.excess(&error, &goal.R, request.position_m, request.orientation_rad);
+        let left = arm.excess(&error, &goal.R, &request.allowed);
         let leaves = self.leaves_reach(leg, &far);
         let obstacle = match far.block {
             _ if left < ARRIVED => Obstacle::Undecided,
@@ -546,18 +539,18 @@ fn layers(duration_s: f64, count: usize, others: impl Iterator<Item = f64>) -> V
 pub(crate) fn reachable<const N: usize>(
     arm: &Kinematics<'_, N>,
     X: &Pose,
-    near: &SVector<f64, N>,
+    near: &Joints<N>,
 ) -> bool {
-    let solves = |q: &SVector<f64, N>| arm.approach(X, q).is_some();
+    let solves = |q: &Joints<N>| arm.approach(X, q).is_some();
     let middle = spread(arm.model, 0);
     let beside = |k: u32| near + (spread(arm.model, k) - middle) * 0.2;
     solves(near) || (0..SEEDS).any(|k| solves(&beside(k)) || solves(&spread(arm.model, k)))
 }
 
 /// The `k`-th of a sequence of postures that fills the joint ranges evenly: additive recurrence with the roots of primes.
-fn spread<const N: usize>(model: &Model<N>, k: u32) -> SVector<f64, N> {
+fn spread<const N: usize>(model: &Model<N>, k: u32) -> Joints<N> {
     const PRIMES: [f64; 8] = [2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0, 19.0];
-    SVector::from_fn(|i, _| {
+    Joints::from_fn(|i, _| {
         let x = (f64::from(k + 1) * PRIMES[i % PRIMES.len()].sqrt()).fract();
         let (low, high) = (model.lower()[i].max(-3.2), model.upper()[i].min(3.2));
         low + x * (high - low)

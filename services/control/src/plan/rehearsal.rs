@@ -4,14 +4,12 @@
 //! an arm that begins in it is, noise would decide: the side that was rehearsed is the one that the law begins with.
 
 use crate::controller::Setup;
-use crate::linear::{angular, linear, served, sign};
+use crate::linear::{Joints, Vector6, angular, linear, served, sign};
 use crate::paper::type_1::SIDE_CHANGE;
-use crate::reference::path::Leg;
 use crate::singularity::analyzer::Analyzer;
 use crate::state::State;
 use crate::tick::{Inputs, act};
 use crate::types::{Phase, Refusal, Report};
-use nalgebra::{SVector, Vector6};
 use std::iter;
 
 /// Most ticks: about 1 s of computing.
@@ -30,7 +28,7 @@ const IN_TIME: f64 = 1.005;
 pub(crate) fn followed<const N: usize>(
     setup: &Setup<N>,
     analyzer: &Analyzer<N>,
-    q: SVector<f64, N>,
+    q: Joints<N>,
     report: &Report<N>,
     begun: State<N>,
 ) -> Option<State<N>> {
@@ -53,23 +51,23 @@ pub(crate) fn followed<const N: usize>(
 fn is_followed<const N: usize>(
     setup: &Setup<N>,
     mut analyzer: Analyzer<N>,
-    mut q: SVector<f64, N>,
+    mut q: Joints<N>,
     mut state: State<N>,
 ) -> bool {
     let (model, scenario) = (&setup.model, &setup.scenario);
     let (dt, goal) = (scenario.dt_s(), &scenario.goal);
-    let mut legs = (0..).map_while(|i| setup.path.leg(i));
     // A side to leave a fold on, or a direction of the arm's own, is for the plan to keep.
-    let is_plain = legs.all(|leg: &Leg| leg.branch == 0 && !leg.is_relative());
+    let mut legs = setup.path.legs().iter();
+    let is_plain = legs.all(|leg| leg.branch == 0 && !leg.is_relative());
     let duration_s = setup.path.duration_s();
     let ticks = (duration_s * IN_TIME + scenario.settle_s) / dt;
     if !is_plain || !setup.forces.are_none() || ticks > TICKS {
         return false;
     }
-    let zero = SVector::zeros();
+    let zero = Joints::zeros();
     let mut qdot = zero;
     let mut error = Vector6::zeros();
-    let share = |error: &Vector6<f64>, mm: f64, deg: f64| {
+    let share = |error: &Vector6, mm: f64, deg: f64| {
         let served = served(&setup.task, error);
         (linear(&served).norm() * 1e3 / mm).max(angular(&served).norm().to_degrees() / deg)
     };

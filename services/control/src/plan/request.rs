@@ -1,39 +1,68 @@
 //! The task of a plan (+).
 
 use super::kinematics::Kinematics;
+use crate::linear::{Joints, Vector3};
 use crate::reference::path::Path;
+use crate::reference::turn::{self, Room};
 use crate::singularity::analyzer::Analyzer;
 use crate::types::{Kind, Report, Singularity};
-use model::Model;
-use nalgebra::{SVector, Vector3};
+use model::{Model, Robot};
+use shared_types::scenario::{Goal, Scenario};
 
-/// Joint motion that turns ζ: from a posture, its analysis, the singularity's place and the angle, rad.
-pub type Turning<'a, const N: usize> =
-    dyn Fn(&SVector<f64, N>, &Report<N>, usize, f64) -> Option<SVector<f64, N>> + 'a;
+/// A deviation from a path.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Deviation {
+    /// m.
+    pub position_m: f64,
+    /// rad.
+    pub orientation_rad: f64,
+}
+
+impl Deviation {
+    /// The one that a scenario's goal allows on the way.
+    pub(crate) fn of(goal: &Goal) -> Self {
+        Self {
+            position_m: goal.path_mm * 1e-3,
+            orientation_rad: goal.path_deg.to_radians(),
+        }
+    }
+
+    /// So many times as much.
+    pub(super) fn times(self, factor: f64) -> Self {
+        Self {
+            position_m: self.position_m * factor,
+            orientation_rad: self.orientation_rad * factor,
+        }
+    }
+
+    /// The lesser one of each kind.
+    pub(super) fn at_most(self, other: Self) -> Self {
+        Self {
+            position_m: self.position_m.min(other.position_m),
+            orientation_rad: self.orientation_rad.min(other.orientation_rad),
+        }
+    }
+}
 
 /// The arm, its task, and the bounds of a plan.
 #[derive(Clone, Copy)]
 pub struct Request<'a, const N: usize> {
     /// The arm.
     pub model: &'a Model<N>,
+    /// Its description.
+    pub robot: &'a Robot,
     /// The task.
+    pub scenario: &'a Scenario,
+    /// The task's path.
     pub path: &'a Path,
     /// Where the arm starts, rad.
-    pub q_start: SVector<f64, N>,
+    pub q_start: Joints<N>,
     /// Posture goals of the legs whose null-space posture is commanded, rad.
-    pub postures: &'a [Option<SVector<f64, N>>],
+    pub postures: &'a [Option<Joints<N>>],
     /// Finds the singularities along the route.
     pub analyzer: &'a Analyzer<N>,
-    /// Joint motion that turns ζ of the singularity in a place by an angle, end-effector held; `None` where there is none within limits.
-    pub turning: &'a Turning<'a, N>,
-    /// Which of the six task axes count.
-    pub task: [bool; 6],
-    /// The length that makes metres and radians comparable, m.
-    pub length_m: f64,
-    /// How far the path may be left, m.
-    pub position_m: f64,
-    /// How far the path may be left, rad.
-    pub orientation_rad: f64,
+    /// How far the path may be left.
+    pub allowed: Deviation,
 }
 
 /// Fastest motion that is planned for a joint whose model states no speed limit, rad/s (m/s for prismatic joints): half a turn a second.
@@ -41,13 +70,13 @@ const UNSTATED: f64 = std::f64::consts::PI;
 
 impl<'a, const N: usize> Request<'a, N> {
     /// Fastest joint motion that is planned, rad/s.
-    pub(super) fn velocity(&self) -> SVector<f64, N> {
+    pub(super) fn velocity(&self) -> Joints<N> {
         let stated = |limit: f64| if limit.is_finite() { limit } else { UNSTATED };
         self.model.velocity().map(stated)
     }
 
     /// The elbow of a posture, else the first of its singularities.
-    pub(super) fn fold(&self, q: &SVector<f64, N>) -> Option<Singularity<N>> {
+    pub(super) fn fold(&self, q: &Joints<N>) -> Option<Singularity<N>> {
         let report = analyse(&mut self.analyzer.clone(), self.model, q);
         let mut listed = report.listed().iter();
         let elbow = listed.find(|s| s.kind == Kind::Elbow);
@@ -55,7 +84,7 @@ impl<'a, const N: usize> Request<'a, N> {
     }
 
     /// The side of a fold that a posture is on. By factors sin θ: the coordinate of an elbow that is folded back is another joint.
-    pub(super) fn side(&self, q: &SVector<f64, N>) -> f64 {
+    pub(super) fn side(&self, q: &Joints<N>) -> f64 {
         let is_factored = self.analyzer.family().is_factored();
         self.fold(q).map_or(0.0, |s| match s.kind {
             Kind::Elbow if is_factored => s.s,
@@ -63,13 +92,28 @@ impl<'a, const N: usize> Request<'a, N> {
         })
     }
 
+    /// Joint motion that turns ζ of the singularity in a place by an angle, rad, end-effector held; `None` where there is none within limits.
+    pub(super) fn turning(
+        &self,
+        q: &Joints<N>,
+        report: &Report<N>,
+        place: usize,
+        angle: f64,
+    ) -> Option<Joints<N>> {
+        let (model, control) = (self.model, &self.scenario.control);
+        let s = report.listed().get(place)?;
+        let room = Room { q, model, control };
+        let turn = turn::plan(self.analyzer.family(), s, angle, 1.0, &room);
+        Some(turn.ok()?.by)
+    }
+
     /// The kinematics of C, which lies at `p_EC` in the end-effector's axes.
-    pub(super) fn kinematics(&self, p_EC: Vector3<f64>) -> Kinematics<'a, N> {
+    pub(super) fn kinematics(&self, p_EC: Vector3) -> Kinematics<'a, N> {
         Kinematics {
             model: self.model,
             p_EC,
-            task: self.task,
-            length_m: self.length_m,
+            task: self.robot.task.0,
+            length_m: self.robot.length_m,
         }
     }
 }
@@ -77,9 +121,9 @@ impl<'a, const N: usize> Request<'a, N> {
 /// C in the end-effector's axes, from the analysis of the start posture.
 pub(super) fn centre<const N: usize>(
     model: &Model<N>,
-    q: &SVector<f64, N>,
+    q: &Joints<N>,
     report: &Report<N>,
-) -> Vector3<f64> {
+) -> Vector3 {
     let X = model.forward_kinematics(q);
     X.R.transpose() * (report.p_BC - X.p)
 }
@@ -88,8 +132,8 @@ pub(super) fn centre<const N: usize>(
 pub(super) fn analyse<const N: usize>(
     analyzer: &mut Analyzer<N>,
     model: &Model<N>,
-    q: &SVector<f64, N>,
+    q: &Joints<N>,
 ) -> Report<N> {
-    let zero = SVector::zeros();
+    let zero = Joints::zeros();
     analyzer.step(q, &zero, &model.evaluate(q, &zero))
 }

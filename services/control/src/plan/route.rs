@@ -9,9 +9,10 @@ mod self_motion;
 
 use self_motion::AtRest;
 
-use super::kinematics::{Kinematics, LOCKED, PLAIN_DAMPING, SOLVED, Spectrum, lowest, slowest};
+use super::kinematics::{Kinematics, LOCKED, PLAIN_DAMPING, SOLVED, Spectrum, lowest};
+use super::request::{Deviation, Request};
+use crate::linear::{Joints, Vector6, largest_share};
 use model::Pose;
-use nalgebra::{SVector, Vector6};
 use std::cell::Cell;
 
 /// Largest joint motion between two knots, rad (m); deviation of the posture half-way from their mean, over that motion: more is no smooth motion.
@@ -49,8 +50,12 @@ const NEAR: f64 = 0.2;
 const DAMPING: f64 = 0.03;
 const STRONG_DAMPING: f64 = 0.1;
 const DAMPING_PER_RAD: f64 = 3.0;
-/// Largest deviation of the plain continuation as a share of what the user allows, and at most, m and rad.
-const PLAIN: (f64, f64, f64) = (0.02, 2e-5, 2e-4);
+/// Largest deviation of the plain continuation as a share of what the user allows, and at most.
+const PLAIN: f64 = 0.02;
+const PLAIN_MOST: Deviation = Deviation {
+    position_m: 2e-5,
+    orientation_rad: 2e-4,
+};
 /// Share of the deviation allowed that a route takes at its knots, and half-way between. The law follows only the auxiliary coordinate of a route and
 /// keeps the path in every other direction: the arm deviates less than the damped postures do.
 const LEFT: (f64, f64) = (1.0, 1.2);
@@ -92,14 +97,14 @@ pub(super) enum Block {
 pub(super) struct Knot<const N: usize> {
     /// Time on the path's clock, s.
     pub(super) t: f64,
-    pub(super) q: SVector<f64, N>,
+    pub(super) q: Joints<N>,
     /// Reached by a self-motion while the path waits.
     pub(super) waits: bool,
 }
 
 impl<const N: usize> Knot<N> {
     /// Reached along the path.
-    pub(super) fn moving(t: f64, q: SVector<f64, N>) -> Self {
+    pub(super) fn moving(t: f64, q: Joints<N>) -> Self {
         let waits = false;
         Self { t, q, waits }
     }
@@ -109,9 +114,9 @@ impl<const N: usize> Knot<N> {
 #[derive(Clone, Debug)]
 pub(super) struct Node<const N: usize> {
     parent: Option<usize>,
-    pub(super) q: SVector<f64, N>,
+    pub(super) q: Joints<N>,
     /// Joint motion per path time with which it was reached, rad/s.
-    heading: SVector<f64, N>,
+    heading: Joints<N>,
     pub(super) cost: f64,
     /// On the path, not beside it.
     is_exact: bool,
@@ -119,18 +124,6 @@ pub(super) struct Node<const N: usize> {
     is_locked: bool,
     /// From the parent's posture to this one, the parent's not included.
     knots: Vec<Knot<N>>,
-}
-
-/// Bounds of a search.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Bounds<const N: usize> {
-    pub(super) lower: SVector<f64, N>,
-    pub(super) upper: SVector<f64, N>,
-    pub(super) velocity: SVector<f64, N>,
-    /// How far the path may be left, m.
-    pub(super) position_m: f64,
-    /// How far the path may be left, rad.
-    pub(super) orientation_rad: f64,
 }
 
 /// One leg as the search sees it.
@@ -142,9 +135,9 @@ pub(super) struct Stretch<'a, const N: usize> {
     pub(super) pose: &'a dyn Fn(f64) -> Pose,
     /// Side of the fold on which to leave an elbow's lock, and the side a posture is on.
     pub(super) branch: i32,
-    pub(super) side: &'a dyn Fn(&SVector<f64, N>) -> f64,
+    pub(super) side: &'a dyn Fn(&Joints<N>) -> f64,
     /// Posture that spare joints are drawn to.
-    pub(super) posture: Option<&'a dyn Fn(f64) -> SVector<f64, N>>,
+    pub(super) posture: Option<&'a dyn Fn(f64) -> Joints<N>>,
     /// Times of the layers within the leg, s.
     pub(super) layers: &'a [f64],
     /// How many lines it counts as.
@@ -171,7 +164,7 @@ impl<const N: usize> Stretch<'_, N> {
     }
 
     /// Whether a posture is on the other side of the fold than the one on which to leave it.
-    fn is_across(&self, q: &SVector<f64, N>) -> bool {
+    fn is_across(&self, q: &Joints<N>) -> bool {
         self.branch != 0 && (self.side)(q) * f64::from(self.branch) < 0.0
     }
 }
@@ -180,7 +173,7 @@ impl<const N: usize> Stretch<'_, N> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Furthest<const N: usize> {
     pub(super) t: f64,
-    pub(super) q: SVector<f64, N>,
+    pub(super) q: Joints<N>,
     pub(super) block: Block,
 }
 
@@ -201,7 +194,7 @@ struct Way<const N: usize> {
     fit: Fit,
     damping: f64,
     /// Null-space motion over the edge.
-    drift: SVector<f64, N>,
+    drift: Joints<N>,
 }
 
 impl<const N: usize> Way<N> {
@@ -210,12 +203,12 @@ impl<const N: usize> Way<N> {
         Self {
             fit: Fit::Exact,
             damping: 0.0,
-            drift: SVector::zeros(),
+            drift: Joints::zeros(),
         }
     }
 
     /// Damped, with a null-space motion.
-    fn plain(drift: SVector<f64, N>) -> Self {
+    fn plain(drift: Joints<N>) -> Self {
         Self {
             fit: Fit::Plain,
             damping: PLAIN_DAMPING,
@@ -239,8 +232,10 @@ impl<const N: usize> Way<N> {
 
 /// The search and all postures it found.
 pub(super) struct Search<'a, const N: usize> {
+    request: Request<'a, N>,
     arm: Kinematics<'a, N>,
-    bounds: Bounds<N>,
+    /// Fastest joint motion that is planned, rad/s.
+    velocity: Joints<N>,
     nodes: Vec<Node<N>>,
     pub(super) furthest: Option<Furthest<N>>,
     /// Steps taken in the present leg, and in those before it.
@@ -260,16 +255,12 @@ pub(super) struct Search<'a, const N: usize> {
 }
 
 impl<'a, const N: usize> Search<'a, N> {
-    pub(super) fn new(
-        arm: Kinematics<'a, N>,
-        bounds: Bounds<N>,
-        q_start: SVector<f64, N>,
-        most: u32,
-    ) -> Self {
+    pub(super) fn new(request: Request<'a, N>, arm: Kinematics<'a, N>, most: u32) -> Self {
+        let q_start = request.q_start;
         let start = Node {
             parent: None,
             q: q_start,
-            heading: SVector::zeros(),
+            heading: Joints::zeros(),
             cost: 0.0,
             is_exact: true,
             is_locked: false,
@@ -277,7 +268,8 @@ impl<'a, const N: usize> Search<'a, N> {
         };
         Self {
             arm,
-            bounds,
+            velocity: request.velocity(),
+            request,
             nodes: vec![start],
             furthest: None,
             spent: Cell::new(0),
@@ -289,6 +281,12 @@ impl<'a, const N: usize> Search<'a, N> {
             clear: CLEAR,
             passes_locks: Cell::new(false),
         }
+    }
+
+    /// The joints' lower and upper limits, rad (m).
+    fn range(&self) -> (&'a Joints<N>, &'a Joints<N>) {
+        let model = self.request.model;
+        (model.lower(), model.upper())
     }
 
     /// Whether a way on has been left out, so that a dead end proves nothing: by the budget, by the most postures of a layer, by the longest
@@ -354,7 +352,7 @@ impl<'a, const N: usize> Search<'a, N> {
         self.nodes.push(Node {
             parent: Some(parent),
             q,
-            heading: SVector::zeros(),
+            heading: Joints::zeros(),
             cost,
             is_exact: true,
             is_locked: false,
@@ -370,7 +368,7 @@ impl<'a, const N: usize> Search<'a, N> {
         self.clear = if leg.fans() { CLEAR_SPARE } else { CLEAR };
         let mut layer = from.to_vec();
         for node in &mut layer {
-            self.nodes[*node].heading = SVector::zeros();
+            self.nodes[*node].heading = Joints::zeros();
         }
         if leg.effort == Effort::Plain {
             return layer
@@ -484,7 +482,7 @@ impl<'a, const N: usize> Search<'a, N> {
     fn ways(
         &self,
         leg: &Stretch<'_, N>,
-        q: &SVector<f64, N>,
+        q: &Joints<N>,
         spectrum: &Spectrum<N>,
         (t0, t1): (f64, f64),
     ) -> Vec<Way<N>> {
@@ -507,13 +505,13 @@ impl<'a, const N: usize> Search<'a, N> {
                 ways.push(drifting(homeward));
             }
             for v in spectrum.spare() {
-                let stride = 0.6 * SPEED * dt / slowest(v, &self.bounds.velocity).max(1e-9);
+                let stride = 0.6 * SPEED * dt / largest_share(v, &self.velocity).max(1e-9);
                 let by = v * stride.min(0.3);
                 ways.extend([drift + by, drift - by].map(drifting));
             }
         }
         if spectrum.smallest() < NEAR {
-            let strong = STRONG_DAMPING.max(DAMPING_PER_RAD * self.bounds.orientation_rad);
+            let strong = STRONG_DAMPING.max(DAMPING_PER_RAD * self.request.allowed.orientation_rad);
             ways.extend([DAMPING, strong].map(damped));
         }
         ways
@@ -572,24 +570,20 @@ impl<'a, const N: usize> Search<'a, N> {
     }
 
     /// Null-space motion away from joint limits.
-    fn push(&self, spectrum: &Spectrum<N>, q: &SVector<f64, N>, dt: f64) -> SVector<f64, N> {
+    fn push(&self, spectrum: &Spectrum<N>, q: &Joints<N>, dt: f64) -> Joints<N> {
         if spectrum.free == 0 {
-            return SVector::zeros();
+            return Joints::zeros();
         }
-        let inwards = SVector::<f64, N>::from_fn(|i, _| {
+        let (lower, upper) = self.range();
+        let inwards = Joints::<N>::from_fn(|i, _| {
             let part = |gap: f64| ((2.0 * MARGIN - gap) / (2.0 * MARGIN)).max(0.0);
-            part(q[i] - self.bounds.lower[i]) - part(self.bounds.upper[i] - q[i])
+            part(q[i] - lower[i]) - part(upper[i] - q[i])
         });
         spectrum.null_part(&inwards) * dt
     }
 
     /// Null-space motion that brings spare joints back to the start posture until the leg ends, in `rest` s.
-    fn homeward(
-        &self,
-        spectrum: &Spectrum<N>,
-        q: &SVector<f64, N>,
-        (dt, rest): (f64, f64),
-    ) -> SVector<f64, N> {
+    fn homeward(&self, spectrum: &Spectrum<N>, q: &Joints<N>, (dt, rest): (f64, f64)) -> Joints<N> {
         let rate = spectrum.null_part(&(self.nodes[0].q - q)) / rest;
         rate * (dt * HOMEWARD / rate.amax().max(HOMEWARD))
     }
@@ -614,7 +608,7 @@ impl<'a, const N: usize> Search<'a, N> {
                 .map_or(leg.from_s, |knot| knot.t),
         );
         let from_s = t;
-        let mut heading = SVector::zeros();
+        let mut heading = Joints::zeros();
         for knot in &knots {
             let dq = knot.q - before;
             cost += self.price(&dq, knot.t - t, &knot.q);
@@ -651,7 +645,7 @@ impl<'a, const N: usize> Search<'a, N> {
     /// Notes the locks that an edge passes between its ends: other branches begin there.
     fn note_locks(&mut self, parent: usize, knots: &[Knot<N>]) {
         let parent = &self.nodes[parent];
-        let sigma = |q: &SVector<f64, N>| self.arm.spectrum(q).smallest();
+        let sigma = |q: &Joints<N>| self.arm.spectrum(q).smallest();
         let mut before = (parent.knots.last().map_or(0.0, |knot| knot.t), parent.q);
         let (first, mut last) = (before.0, sigma(&parent.q));
         let end = knots.last().map_or(first, |knot| knot.t);
@@ -687,22 +681,21 @@ impl<'a, const N: usize> Search<'a, N> {
     }
 
     /// Time that a motion takes, and the price of being near a limit meanwhile.
-    fn price(&self, dq: &SVector<f64, N>, dt: f64, q: &SVector<f64, N>) -> f64 {
-        let time = dt.max(slowest(dq, &(self.bounds.velocity * SPEED)));
+    fn price(&self, dq: &Joints<N>, dt: f64, q: &Joints<N>) -> f64 {
+        let time = dt.max(largest_share(dq, &(self.velocity * SPEED)));
+        let (lower, upper) = self.range();
         let near = (0..N).fold(0.0_f64, |near, i| {
-            let gap = (q[i] - self.bounds.lower[i]).min(self.bounds.upper[i] - q[i]);
+            let gap = (q[i] - lower[i]).min(upper[i] - q[i]);
             near.max(1.0 - gap / MARGIN)
         });
         // A route of less joint motion is better where the time is the same.
         time * (1.0 + 0.3 * near * near) + 0.002 * dq.norm()
     }
 
-    fn outside(&self, q: &SVector<f64, N>, from: &SVector<f64, N>) -> Option<Block> {
+    fn outside(&self, q: &Joints<N>, from: &Joints<N>) -> Option<Block> {
+        let (lower, upper) = self.range();
         (0..N).find_map(|i| {
-            let (low, high) = (
-                self.bounds.lower[i] + self.clear,
-                self.bounds.upper[i] - self.clear,
-            );
+            let (low, high) = (lower[i] + self.clear, upper[i] - self.clear);
             // A start posture may lie on a limit: from there inwards.
             let out = q[i] < low && q[i] < from[i] || q[i] > high && q[i] > from[i];
             out.then_some(Block::Limit {
@@ -716,8 +709,8 @@ impl<'a, const N: usize> Search<'a, N> {
     fn follow(
         &self,
         leg: &Stretch<'_, N>,
-        q: &SVector<f64, N>,
-        heading: &SVector<f64, N>,
+        q: &Joints<N>,
+        heading: &Joints<N>,
         (t0, t1): (f64, f64),
         way: &Way<N>,
     ) -> Result<Vec<Knot<N>>, Furthest<N>> {
@@ -773,10 +766,10 @@ impl<'a, const N: usize> Search<'a, N> {
         &self,
         leg: &Stretch<'_, N>,
         (t, h): (f64, f64),
-        (q, guess): (&SVector<f64, N>, &SVector<f64, N>),
-        drift: &SVector<f64, N>,
+        (q, guess): (&Joints<N>, &Joints<N>),
+        drift: &Joints<N>,
         way: &Way<N>,
-    ) -> Result<(SVector<f64, N>, SVector<f64, N>), Furthest<N>> {
+    ) -> Result<(Joints<N>, Joints<N>), Furthest<N>> {
         let X = (leg.pose)(t + h);
         let (next, e) = self.arm.solve(&X, guess, drift, way.damping, way.enough());
         let dq = next - q;
@@ -797,46 +790,30 @@ impl<'a, const N: usize> Search<'a, N> {
     }
 
     /// By how much an error leaves the path, over what is allowed.
-    fn excess(&self, e: &Vector6<f64>, X: &Pose) -> f64 {
-        let Bounds {
-            position_m,
-            orientation_rad,
-            ..
-        } = self.bounds;
-        self.arm.excess(e, &X.R, position_m, orientation_rad)
+    fn excess(&self, e: &Vector6, X: &Pose) -> f64 {
+        self.arm.excess(e, &X.R, &self.request.allowed)
     }
 
     /// Whether an error at a knot counts as none.
-    fn fits(&self, fit: Fit, e: &Vector6<f64>, X: &Pose) -> bool {
+    fn fits(&self, fit: Fit, e: &Vector6, X: &Pose) -> bool {
         match fit {
             Fit::Exact => e.norm() < 1e-7,
             Fit::Plain => {
-                let Bounds {
-                    position_m,
-                    orientation_rad,
-                    ..
-                } = self.bounds;
-                let (m, rad) = (PLAIN.0 * position_m, PLAIN.0 * orientation_rad);
-                self.arm.excess(e, &X.R, m.min(PLAIN.1), rad.min(PLAIN.2)) < 1.0
+                let most = self.request.allowed.times(PLAIN).at_most(PLAIN_MOST);
+                self.arm.excess(e, &X.R, &most) < 1.0
             }
             Fit::Lax => self.excess(e, X) < LEFT.0,
         }
     }
 
     /// The posture half-way of a motion `dq` from `q`, at the pose `X`. A jump to another branch shows there: the posture is elsewhere, or there is none.
-    fn half_way(
-        &self,
-        X: &Pose,
-        q: &SVector<f64, N>,
-        dq: &SVector<f64, N>,
-        way: &Way<N>,
-    ) -> Option<SVector<f64, N>> {
+    fn half_way(&self, X: &Pose, q: &Joints<N>, dq: &Joints<N>, way: &Way<N>) -> Option<Joints<N>> {
         let mean = q + dq * 0.5;
         let e = self.arm.error(X, &self.arm.pose(&mean));
         if way.is_lax() {
             return (self.excess(&e, X) < LEFT.1).then_some(mean);
         }
-        let zero = SVector::zeros();
+        let zero = Joints::zeros();
         let (there, e_left) = self.arm.solve(X, &mean, &zero, way.damping, way.enough());
         let is_smooth = (there - mean).norm() < BEND * dq.norm() + 1e-6;
         (e.norm() < STRAIGHT && way.fit == Fit::Exact
@@ -848,7 +825,7 @@ impl<'a, const N: usize> Search<'a, N> {
     fn folds(
         &self,
         leg: &Stretch<'_, N>,
-        q: &SVector<f64, N>,
+        q: &Joints<N>,
         spectrum: &Spectrum<N>,
         t0: f64,
         t1: f64,
@@ -859,7 +836,7 @@ impl<'a, const N: usize> Search<'a, N> {
             for stride in [0.02, -0.02, 0.06, -0.06, 0.18, -0.18] {
                 self.spent.set(self.spent.get() + 4);
                 let beside = q + spectrum.v[k] * stride;
-                let (there, e) = self.arm.solve(&X, &beside, &SVector::zeros(), 0.0, SOLVED);
+                let (there, e) = self.arm.solve(&X, &beside, &Joints::zeros(), 0.0, SOLVED);
                 let is_twin = |knot: &Knot<N>| is_twin(spectrum, &(knot.q - there));
                 let is_known = out.iter().any(|knots| knots.last().is_some_and(is_twin));
                 if e.norm() <= 1e-7
@@ -879,8 +856,8 @@ impl<'a, const N: usize> Search<'a, N> {
     fn back_to_lock(
         &self,
         leg: &Stretch<'_, N>,
-        q: &SVector<f64, N>,
-        there: &SVector<f64, N>,
+        q: &Joints<N>,
+        there: &Joints<N>,
         (t0, t1): (f64, f64),
     ) -> Option<Vec<Knot<N>>> {
         let mut knots = vec![Knot::moving(leg.from_s + t1, *there)];
@@ -890,7 +867,7 @@ impl<'a, const N: usize> Search<'a, N> {
                 break;
             }
             let to = t0 + (t - t0) * (1.0 - share);
-            match self.follow(leg, &at, &SVector::zeros(), (t, to), &Way::exact()) {
+            match self.follow(leg, &at, &Joints::zeros(), (t, to), &Way::exact()) {
                 Ok(part) if !part.is_empty() => {
                     knots.extend(&part);
                     (at, t) = (part[part.len() - 1].q, to);
@@ -904,8 +881,8 @@ impl<'a, const N: usize> Search<'a, N> {
     }
 
     /// The lock beside a posture, where the deviation allowed from the pose `path` leads into it; the posture itself where it does not.
-    fn lock_beside(&self, q: &SVector<f64, N>, path: &Pose) -> SVector<f64, N> {
-        let sigma = |q: &SVector<f64, N>| self.arm.spectrum(q).smallest();
+    fn lock_beside(&self, q: &Joints<N>, path: &Pose) -> Joints<N> {
+        let sigma = |q: &Joints<N>| self.arm.spectrum(q).smallest();
         let (mut there, mut now) = (*q, sigma(q));
         if !(LOCKED..BESIDE_LOCK).contains(&now) {
             return *q;
@@ -913,7 +890,7 @@ impl<'a, const N: usize> Search<'a, N> {
         self.spent.set(self.spent.get() + 20);
         const STEP: f64 = 1e-5;
         for _ in 0..4 {
-            let gradient = SVector::<f64, N>::from_fn(|i, _| {
+            let gradient = Joints::<N>::from_fn(|i, _| {
                 let mut beside = there;
                 beside[i] += STEP;
                 (sigma(&beside) - now) / STEP
@@ -936,7 +913,7 @@ impl<'a, const N: usize> Search<'a, N> {
         let q = self.lock_beside(&self.nodes[node].q, &path);
         let spectrum = self.arm.spectrum(&q);
         let X = self.arm.pose(&q);
-        let mut directions: Vec<SVector<f64, N>> = vec![];
+        let mut directions: Vec<Joints<N>> = vec![];
         let locked: Vec<_> = (spectrum.free..N)
             .filter(|k| spectrum.sigma[*k] < LOCKED)
             .map(|k| spectrum.v[k])
@@ -988,17 +965,17 @@ impl<'a, const N: usize> Search<'a, N> {
 }
 
 /// Whether two solutions of a pose that lie apart by `by` belong to one branch.
-fn is_twin<const N: usize>(spectrum: &Spectrum<N>, by: &SVector<f64, N>) -> bool {
+fn is_twin<const N: usize>(spectrum: &Spectrum<N>, by: &Joints<N>) -> bool {
     by.amax() < SAME && (by - spectrum.null_part(by)).amax() < TWIN
 }
 
 /// The product of two task displacements' linear (0) or angular (3) halves.
-fn dot(a: &Vector6<f64>, b: &Vector6<f64>, half: usize) -> f64 {
+fn dot(a: &Vector6, b: &Vector6, half: usize) -> f64 {
     a.fixed_rows::<3>(half).dot(&b.fixed_rows::<3>(half))
 }
 
 /// The half in which `b` has become the opposite of `a`, or nothing.
-fn turned(a: &Vector6<f64>, b: &Vector6<f64>) -> Option<usize> {
+fn turned(a: &Vector6, b: &Vector6) -> Option<usize> {
     [0, 3]
         .into_iter()
         .find(|half| dot(b, b, *half) > 1e-12 && dot(a, b, *half) <= 0.0)

@@ -1,75 +1,25 @@
 //! The path plan of a scenario: made when a controller is, put into words where there is none (+).
 
 use crate::limits::clock::MARGIN;
+use crate::linear::Joints;
 use crate::plan::request::analyse;
 use crate::plan::schedule::SLOWEST;
-use crate::plan::{Infeasible, Obstacle, PathPlan, Remedy, Request, plan, remedy};
+use crate::plan::{Deviation, Infeasible, Obstacle, PathPlan, Remedy, Request, plan, remedy};
 use crate::reference::path::Path;
-use crate::reference::turn::{self, Room};
 use crate::setup::{SetupError, posture_goals, start_posture};
 use crate::singularity::analyzer::Analyzer;
-use crate::singularity::turning::turning;
-use crate::types::Report;
 use model::{Joint, JointKind, Model, Refused, Robot};
-use nalgebra::SVector;
 use shared_types::scenario::{Goal, Scenario, Start};
 
 /// Distance from a joint limit from which a path may start, rad (m): many times the noise of an encoder, and of the tracking.
 const START_CLEAR: f64 = 1e-3;
 
-/// The parts that a plan is made of.
-#[derive(Clone, Copy)]
-pub(crate) struct Task<'a, const N: usize> {
-    pub(crate) model: &'a Model<N>,
-    pub(crate) robot: &'a Robot,
-    pub(crate) scenario: &'a Scenario,
-    pub(crate) path: &'a Path,
-    pub(crate) analyzer: &'a Analyzer<N>,
-    pub(crate) q_start: &'a SVector<f64, N>,
-    /// Posture goals of the segments, rad.
-    pub(crate) postures: &'a [SVector<f64, N>],
-}
-
-impl<const N: usize> Task<'_, N> {
+impl<const N: usize> Request<'_, N> {
     /// Whether the law follows a plan: under our own laws with the governor on.
     fn is_planned(&self) -> bool {
         let control = &self.scenario.control;
         let is_ours = control.strategy.is_ours() && self.scenario.servo.is_none();
         is_ours && control.governor && self.robot.task.count() <= N
-    }
-
-    /// Calls `then` with the request for this task's plan.
-    fn request<T>(&self, then: impl FnOnce(&Request<'_, N>) -> T) -> T {
-        let Self {
-            model,
-            robot,
-            scenario,
-            path,
-            analyzer,
-            ..
-        } = *self;
-        let control = &scenario.control;
-        let legs = scenario.segment.iter().zip(self.postures);
-        let commanded: Vec<_> = legs.map(|(leg, q)| leg.posture().map(|_| *q)).collect();
-        let turned = |q: &SVector<f64, N>, report: &Report<N>, place: usize, angle: f64| {
-            let s = report.listed().get(place)?;
-            let motion = |angle: f64| turning(analyzer.family(), model, q, s, angle);
-            turn::plan(s, angle, 1.0, &Room { q, model, control }, motion)
-                .ok()
-                .map(|turn| turn.by)
-        };
-        then(&Request {
-            model,
-            path,
-            q_start: *self.q_start,
-            postures: &commanded,
-            analyzer,
-            turning: &turned,
-            task: robot.task.0,
-            length_m: robot.length_m,
-            position_m: scenario.goal.path_mm * 1e-3,
-            orientation_rad: scenario.goal.path_deg.to_radians(),
-        })
     }
 
     /// The plan of the whole path, where the law needs one: not where it `is_followed` in time without.
@@ -80,24 +30,20 @@ impl<const N: usize> Task<'_, N> {
         &self,
         is_followed: &dyn Fn() -> bool,
     ) -> Result<Option<PathPlan<N>>, String> {
-        let Self {
-            model, robot, path, ..
-        } = *self;
         if !self.is_planned() {
             return Ok(None);
         }
-        if let Some(why) = too_heavy(model, robot, self.q_start, "in its start posture") {
+        if let Some(why) = self.too_heavy(&self.q_start, "in its start posture") {
             return Err(why + ": start in a posture that takes less torque");
         }
-        if let Some(why) = too_near(robot, self.q_start) {
+        if let Some(why) = too_near(self.robot, &self.q_start) {
             return Err(why);
         }
-        let (found, velocity) =
-            self.request(|request| (plan(request, is_followed), request.velocity()));
-        let Some(plan) = found.map_err(|error| words(robot, &error))? else {
+        let found = plan(self, is_followed).map_err(|error| words(self.robot, &error))?;
+        let Some(plan) = found else {
             return Ok(None);
         };
-        let (segment, fastest) = plan.fastest(path, &velocity);
+        let (segment, fastest) = plan.fastest(self.path, &self.velocity());
         if fastest < SLOWEST {
             return Err(format!(
                 "segment {segment} is too short: at the speeds of the joints it takes at least {:.0} times its duration",
@@ -112,8 +58,28 @@ impl<const N: usize> Task<'_, N> {
     /// The first posture of a plan that a joint's torque limit does not hold, in words.
     fn heaviest(&self, plan: &PathPlan<N>) -> Option<String> {
         let place = |t: f64| format!("at {t:.2} s of its path");
-        let heavy = |(t, q): (f64, &_)| too_heavy(self.model, self.robot, q, &place(t));
+        let heavy = |(t, q): (f64, &_)| self.too_heavy(q, &place(t));
         plan.postures().find_map(heavy)
+    }
+
+    /// A joint whose torque limit does not hold the arm against gravity with a margin to move it, in words.
+    fn too_heavy(&self, q: &Joints<N>, place: &str) -> Option<String> {
+        let Self { model, robot, .. } = *self;
+        let gravity = model.gravity(q);
+        let joint = (0..robot.dof()).find(|i| gravity[*i].abs() > MARGIN * model.effort()[*i])?;
+        let [_, unit] = robot.joints[joint].kind.units();
+        let (name, needed, limit) = (
+            &robot.joints[joint].name,
+            gravity[joint].abs(),
+            model.effort()[joint],
+        );
+        Some(format!(
+            "the arm cannot be held and moved {place}: joint {} ({name}) needs {needed:.1} {unit} against gravity, {:.1} % of its limit of {limit:.1} {unit}, \
+         and the law keeps {:.0} % of it for moving the arm",
+            joint + 1,
+            100.0 * needed / limit,
+            100.0 * (1.0 - MARGIN)
+        ))
     }
 }
 
@@ -138,31 +104,31 @@ fn advised<const N: usize>(
 ) -> Result<String, SetupError> {
     let model = Model::<N>::new(robot, scenario.frame())?;
     let q_start = start_posture(robot, scenario)?;
-    let postures = posture_goals(robot, scenario, &q_start)?;
+    let postures = posture_goals(robot, scenario)?;
     let analyzer = Analyzer::new(robot, &scenario.analysis);
     let report = analyse(&mut analyzer.clone(), &model, &q_start);
     let path = Path::new(scenario, model.forward_kinematics(&q_start), &report)?;
-    let task = Task {
+    let request = Request {
         model: &model,
         robot,
         scenario,
         path: &path,
         analyzer: &analyzer,
-        q_start: &q_start,
+        q_start,
         postures: &postures,
+        allowed: Deviation::of(&scenario.goal),
     };
     // A segment that is too short says by itself what to do.
     let lacks_route = || {
-        let planned = task.request(|request| plan(request, &|| false));
-        planned.map_or(true, |plan| {
-            plan.is_some_and(|plan| task.heaviest(&plan).is_some())
+        plan(&request, &|| false).map_or(true, |plan| {
+            plan.is_some_and(|plan| request.heaviest(&plan).is_some())
         })
     };
-    if !task.is_planned() || !lacks_route() {
+    if !request.is_planned() || !lacks_route() {
         return Ok(String::new());
     }
     let mut helps = |remedy: &Remedy<N>| succeeds(&changed(robot, scenario, remedy));
-    let found = task.request(|request| remedy(request, &mut helps));
+    let found = remedy(&request, &mut helps);
     Ok(help(robot, scenario, found))
 }
 
@@ -171,17 +137,17 @@ fn changed<const N: usize>(robot: &Robot, scenario: &Scenario, remedy: &Remedy<N
     let mut scenario = scenario.clone();
     match remedy {
         Remedy::Start(q) => scenario.start = start(robot, q),
-        Remedy::Allow(position_m, orientation_rad) => {
+        Remedy::Allow(allowed) => {
             let round = |x: f64, unit: f64| (x / unit).round() * unit;
-            scenario.goal.path_mm = round(position_m * 1e3, 1.0);
-            scenario.goal.path_deg = round(orientation_rad.to_degrees(), 0.1);
+            scenario.goal.path_mm = round(allowed.position_m * 1e3, 1.0);
+            scenario.goal.path_deg = round(allowed.orientation_rad.to_degrees(), 0.1);
         }
     }
     scenario
 }
 
 /// A posture as a scenario states it, rounded.
-fn start<const N: usize>(robot: &Robot, q: &SVector<f64, N>) -> Start {
+fn start<const N: usize>(robot: &Robot, q: &Joints<N>) -> Start {
     let slides = robot
         .joints
         .iter()
@@ -204,7 +170,7 @@ fn start<const N: usize>(robot: &Robot, q: &SVector<f64, N>) -> Start {
 }
 
 /// A joint that begins so near to its limit that noise takes it beyond, in words.
-fn too_near<const N: usize>(robot: &Robot, q: &SVector<f64, N>) -> Option<String> {
+fn too_near<const N: usize>(robot: &Robot, q: &Joints<N>) -> Option<String> {
     let room = |i: usize| (q[i] - robot.joints[i].lower).min(robot.joints[i].upper - q[i]);
     let joint = (0..robot.dof()).find(|i| room(*i) < START_CLEAR)?;
     let Joint { name, kind, .. } = &robot.joints[joint];
@@ -215,30 +181,6 @@ fn too_near<const N: usize>(robot: &Robot, q: &SVector<f64, N>) -> Option<String
         "joint {} ({name}) starts {:.3}{unit} from its limit, where noise takes it beyond: start at least {least:.3}{unit} from it",
         joint + 1,
         kind.shown(room(joint)),
-    ))
-}
-
-/// A joint whose torque limit does not hold the arm against gravity with a margin to move it, in words.
-fn too_heavy<const N: usize>(
-    model: &Model<N>,
-    robot: &Robot,
-    q: &SVector<f64, N>,
-    place: &str,
-) -> Option<String> {
-    let gravity = model.gravity(q);
-    let joint = (0..robot.dof()).find(|i| gravity[*i].abs() > MARGIN * model.effort()[*i])?;
-    let [_, unit] = robot.joints[joint].kind.units();
-    let (name, needed, limit) = (
-        &robot.joints[joint].name,
-        gravity[joint].abs(),
-        model.effort()[joint],
-    );
-    Some(format!(
-        "the arm cannot be held and moved {place}: joint {} ({name}) needs {needed:.1} {unit} against gravity, {:.1} % of its limit of {limit:.1} {unit}, \
-         and the law keeps {:.0} % of it for moving the arm",
-        joint + 1,
-        100.0 * needed / limit,
-        100.0 * (1.0 - MARGIN)
     ))
 }
 
@@ -281,7 +223,10 @@ fn help<const N: usize>(robot: &Robot, scenario: &Scenario, remedy: Option<Remed
                 list.unwrap_or_default()
             )
         }
-        Some(Remedy::Allow(position_m, orientation_rad)) => {
+        Some(Remedy::Allow(Deviation {
+            position_m,
+            orientation_rad,
+        })) => {
             let (mm, deg) = (position_m * 1e3, orientation_rad.to_degrees());
             format!(
                 "; it was followed with more deviation: [goal] path_mm = {mm:.0}, path_deg = {deg:.1}"

@@ -1,13 +1,13 @@
 //! A route with its own clock: when the path waits, and how fast it may go (+).
 
-use super::kinematics::{Kinematics, lowest, slowest};
+use super::kinematics::{Kinematics, lowest};
 use super::request::{Request, analyse, centre};
 use super::route::Knot;
 use crate::limits::{clock, range};
+use crate::linear::{Joints, largest_share};
 use crate::reference::path::{Leg, Path, Progress, ramped};
 use crate::types::Report;
 use model::Pose;
-use nalgebra::SVector;
 
 /// Share of a speed limit that the schedule takes.
 const SCHEDULED: f64 = 0.92;
@@ -45,9 +45,9 @@ const INSTANT: f64 = 1e-3;
 struct Point<const N: usize> {
     u: f64,
     t: f64,
-    q: SVector<f64, N>,
+    q: Joints<N>,
     /// dq/du, rad/s.
-    slope: SVector<f64, N>,
+    slope: Joints<N>,
     /// Fastest clock here for which what follows can still be braked for.
     speed: f64,
 }
@@ -59,7 +59,7 @@ struct Way<const N: usize> {
     /// Δs.
     length: f64,
     /// q′.
-    slope: SVector<f64, N>,
+    slope: Joints<N>,
     /// ṡ and s̈ at its beginning and in its middle.
     law: [(f64, f64); 2],
     /// s⃛ between them.
@@ -88,9 +88,9 @@ pub struct Sample<const N: usize> {
     /// Speed of the path's clock against the route's: 1, or 0 while the path waits.
     pub time_rate: f64,
     /// Posture, rad.
-    pub q: SVector<f64, N>,
+    pub q: Joints<N>,
     /// Its rate per unit of the route's clock, rad/s.
-    pub dq: SVector<f64, N>,
+    pub dq: Joints<N>,
 }
 
 impl<const N: usize> PathPlan<N> {
@@ -128,7 +128,7 @@ impl<const N: usize> PathPlan<N> {
                 (points[i + 1].q - points[i].q) / b,
             );
             let mean = (before * b + after * a) / (a + b);
-            points[i].slope = SVector::from_fn(|j, _| {
+            points[i].slope = Joints::from_fn(|j, _| {
                 // Between a quick stretch and a slow one the spline must not overshoot.
                 let bound = 2.0 * before[j].abs().min(after[j].abs()) + 0.1;
                 // A cubic lies within its control points, a third of the slope away: they stay within the limits.
@@ -181,36 +181,33 @@ impl<const N: usize> PathPlan<N> {
         let (Point { q, slope, u, .. }, velocity) = (self.points[i], request.velocity());
         let next = self.points.get(i + 1);
         let mean = next.map_or(slope, |next| (next.q - q) / (next.u - u));
-        let share = slowest(&slope, &velocity).max(slowest(&mean, &velocity));
+        let share = largest_share(&slope, &velocity).max(largest_share(&mean, &velocity));
         (SCHEDULED / share.max(1e-9)).min(range::stoppable(&q, &slope, request.model))
     }
 
     /// How long the route takes at full speed, s.
-    #[must_use]
     pub fn duration_s(&self) -> f64 {
         self.duration_s
     }
 
     /// How many legs are planned.
-    #[must_use]
     pub fn legs(&self) -> usize {
         self.ends.len()
     }
 
     /// Whether the plan ends before a leg whose goal is beyond reach.
-    #[must_use]
     pub fn is_short(&self) -> bool {
         self.is_short
     }
 
     /// The leg that is the fastest for its joints, and the clock at which they can follow it: at most [`SCHEDULED`] of their limits at the peak of its time
     /// law.
-    pub(super) fn fastest(&self, path: &Path, velocity: &SVector<f64, N>) -> (usize, f64) {
+    pub(super) fn fastest(&self, path: &Path, velocity: &Joints<N>) -> (usize, f64) {
         let mut needed = vec![0.0; self.legs()];
         for pair in self.points.windows(2).filter(|pair| pair[1].t > pair[0].t) {
             let by = pair[1].q - pair[0].q;
             if let Some(needed) = needed.get_mut(self.leg_between(&pair[0], &pair[1])) {
-                *needed += slowest(&by, velocity);
+                *needed += largest_share(&by, velocity);
             }
         }
         let clock = |leg: usize| {
@@ -262,7 +259,7 @@ impl<const N: usize> PathPlan<N> {
         let coriolis = model.bias(&from.q, &(slope * v)) - gravity;
         let (effort, torque_rate) = (model.effort(), model.torque_rate());
         let bends_here = if is_regular {
-            [SVector::zeros(); 2]
+            [Joints::zeros(); 2]
         } else {
             let own = model.bias(&from.q, &from.slope) - gravity;
             self.bends(i).map(|bend| A * bend * BENDS + own)
@@ -288,7 +285,7 @@ impl<const N: usize> PathPlan<N> {
     }
 
     /// The route's second derivative by its clock at a point, rad/s²: of the spline that ends there, and of the one that begins.
-    fn bends(&self, i: usize) -> [SVector<f64, N>; 2] {
+    fn bends(&self, i: usize) -> [Joints<N>; 2] {
         let bend = |pair: &[Point<N>], at_end: f64| {
             let h = pair[1].u - pair[0].u;
             let mean = (pair[1].q - pair[0].q) / h;
@@ -298,7 +295,7 @@ impl<const N: usize> PathPlan<N> {
         };
         let between = |from: Option<usize>, at_end: f64| {
             let pair = from.and_then(|from| self.points.get(from..from + 2));
-            pair.map_or_else(SVector::zeros, |pair| bend(pair, at_end))
+            pair.map_or_else(Joints::zeros, |pair| bend(pair, at_end))
         };
         [between(i.checked_sub(1), 1.0), between(Some(i), 0.0)]
     }
@@ -339,7 +336,7 @@ impl<const N: usize> PathPlan<N> {
     }
 
     /// The route's postures.
-    pub fn postures(&self) -> impl Iterator<Item = (f64, &SVector<f64, N>)> {
+    pub fn postures(&self) -> impl Iterator<Item = (f64, &Joints<N>)> {
         self.points.iter().map(|point| (point.t, &point.q))
     }
 
@@ -364,14 +361,12 @@ impl<const N: usize> PathPlan<N> {
     }
 
     /// Time on the path's clock at `u` of the route's, s: that of [`at`](Self::at).
-    #[must_use]
     pub fn path_time(&self, u: f64) -> f64 {
         self.about(u)
             .map_or_else(|| self.time_beyond(u), |(a, b, x)| time_between(a, b, x))
     }
 
     /// Fastest that the route's clock may run anywhere between two of its times.
-    #[must_use]
     pub fn speed(&self, from: f64, to: f64) -> f64 {
         let at = |u: f64| {
             self.about(u)
@@ -390,18 +385,14 @@ impl<const N: usize> PathPlan<N> {
     }
 
     /// The route at `u` of its clock; beyond its end the last posture, at rest.
-    #[must_use]
     pub fn at(&self, u: f64) -> Sample<N> {
         let Some((a, b, x)) = self.about(u) else {
-            let q = self
-                .points
-                .last()
-                .map_or_else(SVector::zeros, |last| last.q);
+            let q = self.points.last().map_or_else(Joints::zeros, |last| last.q);
             return Sample {
                 t: self.time_beyond(u),
                 time_rate: 1.0,
                 q,
-                dq: SVector::zeros(),
+                dq: Joints::zeros(),
             };
         };
         let h = b.u - a.u;
@@ -432,11 +423,11 @@ fn timed<const N: usize>(
     knots: &[Knot<N>],
     ends: &[f64],
 ) -> (Vec<Point<N>>, Vec<usize>, Vec<usize>) {
-    let point = |u: f64, t: f64, q: SVector<f64, N>| Point {
+    let point = |u: f64, t: f64, q: Joints<N>| Point {
         u,
         t,
         q,
-        slope: SVector::zeros(),
+        slope: Joints::zeros(),
         speed: 1.0,
     };
     let at_end = |t: f64| t < 1e-9 || ends.iter().any(|end| (end - t).abs() < 1e-9);
@@ -447,7 +438,7 @@ fn timed<const N: usize>(
     // Where a damped step leads past a lock, a route may turn in next to no time: while it does, the path waits.
     let is_instant = |by: f64| by < INSTANT * ends.last().copied().unwrap_or_default();
     let waits = |a: &Knot<N>, b: &Knot<N>| {
-        let (least_s, by) = (slowest(&(b.q - a.q), &velocity), b.t - a.t);
+        let (least_s, by) = (largest_share(&(b.q - a.q), &velocity), b.t - a.t);
         b.waits || is_instant(by) && SLOWEST * least_s > SCHEDULED * by
     };
     // The route begins at its first knot, which waits for nothing.
@@ -461,7 +452,7 @@ fn timed<const N: usize>(
         from += way.len() - 1;
         let (last, knot) = (points[points.len() - 1], way[way.len() - 1]);
         let rests_there = way.iter().skip(1).all(|knot| knot.waits);
-        let is_brief = !rests_there && slowest(&(knot.q - last.q), &velocity) < BRIEF_S;
+        let is_brief = !rests_there && largest_share(&(knot.q - last.q), &velocity) < BRIEF_S;
         if waiting == 0 || is_brief {
             if knot.t - last.t > SHORTEST_S {
                 points.push(point(last.u + knot.t - last.t, knot.t, knot.q));
@@ -501,13 +492,13 @@ fn self_motion<const N: usize>(
     request: &Request<'_, N>,
     arm: &Kinematics<'_, N>,
     from: &Point<N>,
-    way: &[SVector<f64, N>],
+    way: &[Joints<N>],
     rests: bool,
-) -> Vec<(f64, SVector<f64, N>)> {
+) -> Vec<(f64, Joints<N>)> {
     let speeds = request.velocity() * SCHEDULED;
     let lengths = way.windows(2);
     let lengths: Vec<f64> = lengths
-        .map(|pair| slowest(&(pair[1] - pair[0]), &speeds))
+        .map(|pair| largest_share(&(pair[1] - pair[0]), &speeds))
         .collect();
     let whole: f64 = lengths.iter().sum();
     // A ramp accelerates by 1.5 of its rate over its time: to full speed, or half of the way.
@@ -538,11 +529,7 @@ fn self_motion<const N: usize>(
 }
 
 /// Torque of a self-motion along `way` over what there is for it, per acceleration along the way, whose parts take `lengths` at full speed, s; s.
-fn inertia<const N: usize>(
-    request: &Request<'_, N>,
-    way: &[SVector<f64, N>],
-    lengths: &[f64],
-) -> f64 {
+fn inertia<const N: usize>(request: &Request<'_, N>, way: &[Joints<N>], lengths: &[f64]) -> f64 {
     let model = request.model;
     let (A, gravity) = (model.mass_matrix(&way[0]), model.gravity(&way[0]));
     let room = model.effort().zip_map(&gravity, |effort, gravity| {
@@ -551,7 +538,7 @@ fn inertia<const N: usize>(
     way.windows(2)
         .zip(lengths)
         .fold(0.0, |time, (pair, length)| {
-            time.max(slowest(&(A * (pair[1] - pair[0])), &room) / length.max(1e-9))
+            time.max(largest_share(&(A * (pair[1] - pair[0])), &room) / length.max(1e-9))
         })
 }
 

@@ -1,9 +1,10 @@
 //! Routes that begin in a lock, and those of spare joints.
 
 use super::*;
+use crate::linear::Joints;
 use crate::reference::path::Path;
 use crate::singularity::analyzer::Analyzer;
-use crate::testing::{rk4, robot, undisturbed};
+use crate::testing::{Bench, robot};
 use crate::types::Refusal;
 use model::Robot;
 use shared_types::scenario::Scenario;
@@ -41,11 +42,12 @@ fn assert_followed<const N: usize>(
         q_start,
         postures: &[],
         analyzer: &analyzer,
-        turning: &|_, _, _, _| None,
-        task: robot.task.0,
-        length_m: robot.length_m,
-        position_m: 1e-3,
-        orientation_rad: 0.5_f64.to_radians(),
+        robot: &robot,
+        scenario: &scenario,
+        allowed: Deviation {
+            position_m: 1e-3,
+            orientation_rad: 0.5_f64.to_radians(),
+        },
     };
     let plan = plan(&request, &|| false).unwrap().unwrap();
     assert_eq!(plan.legs(), 1);
@@ -114,10 +116,7 @@ fn a_plan_is_made_where_the_law_needs_one() {
         ("ur5", fast, "[0.0265, 0.0232, -0.0267]", true),
     ] {
         let scenario = task(name, q, &format!("by_m = {by_m}"), 2.0);
-        let robot = Robot::builtin(name).unwrap();
-        let model = Model::new(&robot, None).unwrap();
-        let q = crate::start_posture::<6>(&robot, &scenario).unwrap();
-        let controller = crate::Controller::new(model, &robot, &scenario, q).unwrap();
+        let controller = Bench::<6>::of(&scenario).controller;
         assert_eq!(controller.obstacle(), None);
         let guide = &controller.setup.guide;
         assert_eq!(guide.at(0, 0.0).is_some(), is_planned, "{name}");
@@ -130,25 +129,15 @@ fn noise_does_not_choose_the_side_on_which_a_lock_is_left() {
     let start = "[-1.8276893, 1.2177208, 1.0317532, 2.7417633, 3.35e-7, -0.6894259, -1.3826564]";
     let goal = "to_m = [-0.219059, -0.507449, 0.292570]\nquaternion = [0.7274106, 0.1574273, -0.5877969, 0.3171519]";
     let scenario = task("xarm7", start, goal, 1.8);
-    let robot = Robot::builtin("xarm7").unwrap();
-    let q_start = crate::start_posture::<7>(&robot, &scenario).unwrap();
     for noise in [1e-5, -1e-5] {
-        let model = Model::<7>::new(&robot, None).unwrap();
-        let controller = crate::Controller::new(model.clone(), &robot, &scenario, q_start);
-        let (mut controller, mut analyzer) = (
-            controller.unwrap(),
-            Analyzer::new(&robot, &scenario.analysis),
-        );
-        let (mut q, mut qdot) = (q_start, SVector::zeros());
-        q[3] += noise;
+        let mut arm = Bench::<7>::of(&scenario);
+        arm.q[3] += noise;
         for tick in 0..2000 {
-            let terms = model.evaluate(&q, &qdot);
-            let (at, report) = ([&q, &qdot], analyzer.step(&q, &qdot, &terms));
-            let command = undisturbed(&mut controller, tick, at, &report, Some(&terms), None);
-            assert_eq!(command.refusal, Refusal::None, "tick {tick}: {q}");
-            (q, qdot) = rk4(&model, &q, &qdot, &command.tau, 1e-3);
+            let command = arm.command(None);
+            assert_eq!(command.refusal, Refusal::None, "tick {tick}: {}", arm.q);
+            arm.moves(&command.tau);
         }
-        assert!(q[3] < 2.0, "{q}");
+        assert!(arm.q[3] < 2.0, "{}", arm.q);
     }
 }
 
@@ -241,12 +230,12 @@ fn an_absent_joint_is_not_searched() {
         task: [true, true, false, false, false, false],
         length_m: 1.0,
     };
-    let spectrum = arm.spectrum(&SVector::from([0.3, 0.9, 0.8, 0.0, 0.0, 0.0]));
+    let spectrum = arm.spectrum(&Joints::from([0.3, 0.9, 0.8, 0.0, 0.0, 0.0]));
     let [spare] = spectrum.spare() else {
         panic!("{:?}", spectrum.spare())
     };
     assert!(
-        spare.rows(3, 3).amax() == 0.0 && (arm.spectrum(&SVector::zeros()).J * spare).amax() > 0.0
+        spare.rows(3, 3).amax() == 0.0 && (arm.spectrum(&Joints::zeros()).J * spare).amax() > 0.0
     );
     assert!((spectrum.J * spare).norm() < 1e-12);
 }

@@ -6,13 +6,12 @@
 //! Reduces to nothing: beyond twice η_out the weight is zero, and the null space has its posture control alone.
 
 use crate::controller::Setup;
-use crate::linear::smoothstep;
+use crate::linear::{Basis, Jacobian, Joints, smoothstep, unit};
 use crate::paper::operational_space::Cholesky;
-use crate::paper::singular_frame::Basis;
 use crate::singularity::screws::Screws;
 use crate::tick::Now;
 use crate::types::Singularity;
-use nalgebra::{SMatrix, SVector};
+use model::{TaskAxes, unit_scaled};
 use shared_types::bounds::within;
 
 /// |s| over η_out at which the null space begins to be driven.
@@ -25,12 +24,10 @@ const DRIVE: (f64, f64) = (1.0, 0.8);
 ///
 /// `None` far from every singularity of codimension two or more, and for more or fewer than one spare joint.
 /// Cost about 1 µs near a singularity, none elsewhere; no allocation.
-pub(crate) fn away<const N: usize>(
-    setup: &Setup<N>,
-    now: &Now<'_, N>,
-) -> Option<(SVector<f64, N>, f64)> {
+pub(crate) fn away<const N: usize>(setup: &Setup<N>, now: &Now<'_, N>) -> Option<(Joints<N>, f64)> {
     let is_ours = setup.scenario.control.strategy.is_ours();
-    let first = setup.first_of_higher_codimension().filter(|_| is_ours)?;
+    let first = setup.family.first_of_higher_codimension();
+    let first = first.filter(|_| is_ours)?;
     let (J, report, task) = (&now.at.J, now.report, &setup.task);
     let openness = |s: &Singularity<N>| (s.s.abs() / s.eta_out - 1.0) / (REACH - 1.0);
     let nearest = report
@@ -39,38 +36,31 @@ pub(crate) fn away<const N: usize>(
         .skip(first)
         .min_by(|a, b| openness(a).total_cmp(&openness(b)))?;
     let weight = 1.0 - smoothstep(openness(nearest));
-    let rows = task.iter().filter(|counts| **counts).count();
+    let rows = TaskAxes(*task).count();
     if within(weight, 0.0) || rows + 1 != N {
         return None;
     }
     // Inside, the singularity's own strategy acts, and what is left of the null space rests.
     let open = smoothstep((nearest.s.abs() / nearest.eta_in - 1.0) / 0.3);
     if open == 0.0 {
-        return Some((SVector::zeros(), weight));
+        return Some((Joints::zeros(), weight));
     }
-    // The rows of the task, metres made radians; the others are zero.
-    let served = |mut rows: SMatrix<f64, 6, N>| {
-        rows.fixed_rows_mut::<3>(0).scale_mut(1.0 / report.length_m);
-        (0..6)
-            .filter(|k| !task[*k])
-            .for_each(|k| rows.row_mut(k).fill(0.0));
-        rows
-    };
-    let S = served(*J);
+    let scaled = |rows: &Jacobian<N>| unit_scaled(rows, report.length_m, task);
+    let S = scaled(J);
     let mut basis = Basis::<N>::empty();
     for k in (0..6).filter(|k| task[*k]) {
         basis.add(S.row(k).transpose());
     }
-    if !basis.add_best((0..N).map(|k| SVector::from_fn(|j, _| if j == k { 1.0 } else { 0.0 }))) {
+    if !basis.add_best((0..N).map(unit)) {
         return None;
     }
-    let n = basis.last();
+    let n = basis[basis.len() - 1];
     // tr J⁺J̇ with J⁺ = Jᵀ(JJᵀ)⁻¹.
     let mut gram = S * S.transpose();
     (0..6)
         .filter(|k| !task[*k])
         .for_each(|k| gram[(k, k)] = 1.0);
-    let rate = served(Screws(*J).rate(&n));
+    let rate = scaled(&Screws(*J).rate(&n));
     let growth = Cholesky::new(gram)
         .ok()?
         .solve(&(rate * S.transpose()))

@@ -11,14 +11,13 @@
 //!
 //! Reduces to the paper's law: within reach δ is zero, and nothing changes.
 
-use crate::law::Engaged;
-use crate::linear::{angular, linear, stack};
+use crate::linear::{Vector3, Vector6, angular, linear, stack};
 use crate::paper::operational_space::Cholesky;
 use crate::paper::singular_frame::orthogonal_rows;
 use crate::singularity::screws::Screws;
 use crate::tick::Now;
 use crate::types::Singularity;
-use nalgebra::{Matrix2, Matrix3x2, Matrix6, SMatrix, Vector2, Vector3, Vector6};
+use nalgebra::{Matrix2, Matrix3x2, Matrix6, SMatrix, Vector2};
 
 /// Curvature of a fold that is none, over the arm's length, 1/rad²; and the least share of the path's velocity by which 1 + δS is inverted.
 const FLAT: f64 = 0.02;
@@ -28,7 +27,7 @@ const LEAST: f64 = 0.1;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Boundary {
     /// Its normal.
-    zeta: Vector3<f64>,
+    zeta: Vector3,
     /// Its tangents, one of them zero in a plane.
     tangents: Matrix3x2<f64>,
     /// How the normal turns towards the tangents, with the hand's twist.
@@ -45,7 +44,7 @@ pub(crate) struct Boundary {
 pub(crate) fn nearest<const N: usize>(
     task: &[bool; 6],
     now: &Now<'_, N>,
-    error: &Vector6<f64>,
+    error: &Vector6,
 ) -> Option<Boundary> {
     let listed = now.report.listed().iter().filter(|s| !s.angular);
     let found = listed.filter_map(|s| Boundary::of(task, now, s, error));
@@ -57,21 +56,13 @@ impl Boundary {
         task: &[bool; 6],
         now: &Now<'_, N>,
         s: &Singularity<N>,
-        error: &Vector6<f64>,
+        error: &Vector6,
     ) -> Option<Self> {
-        let beyond_m = s.zeta_B.dot(error) * (1.0 - s.neighborhood().openness(s.s));
+        let beyond_m = s.zeta_B.dot(error) * (1.0 - s.openness(s.s));
         if beyond_m == 0.0 {
             return None;
         }
-        let lost = Engaged {
-            zeta_B: s.zeta_B,
-            gain: s.gain,
-            beta: 0.0,
-            aux_row: s.aux_row,
-            aux_acceleration: 0.0,
-            aux_rate: 0.0,
-        };
-        let kept = orthogonal_rows::<N>(task, &[lost]).ok()?;
+        let kept = orthogonal_rows::<N>(task, [s.zeta_B].into_iter()).ok()?;
         let mut E = Matrix6::<f64>::zeros();
         kept.iter()
             .enumerate()
@@ -117,24 +108,24 @@ impl Boundary {
     }
 
     /// The part that is left of a translation of the path where the hand goes along the boundary, less what its own turn takes, `taken`.
-    fn left(&self, v: &Vector3<f64>, taken: &Vector2<f64>) -> Vector3<f64> {
+    fn left(&self, v: &Vector3, taken: &Vector2<f64>) -> Vector3 {
         let across = self.shares * (self.tangents.tr_mul(v) - taken);
         self.zeta * self.zeta.dot(v) + self.tangents * across
     }
 
     /// The error from the nearest pose, and along the normal from the path's.
-    pub(crate) fn error(&self, e: &Vector6<f64>) -> Vector6<f64> {
+    pub(crate) fn error(&self, e: &Vector6) -> Vector6 {
         stack(&self.left(&linear(e), &Vector2::zeros()), &angular(e))
     }
 
     /// The twist of the nearest pose, and the path's own along the normal.
-    pub(crate) fn velocity(&self, V: &Vector6<f64>) -> Vector6<f64> {
+    pub(crate) fn velocity(&self, V: &Vector6) -> Vector6 {
         let turned = self.turns * stack(&Vector3::zeros(), &angular(V)) * self.beyond_m;
         stack(&self.left(&linear(V), &turned), &angular(V))
     }
 
     /// The acceleration of the nearest pose where the path has the twist `V`.
-    pub(crate) fn acceleration(&self, a: &Vector6<f64>, V: &Vector6<f64>) -> Vector6<f64> {
+    pub(crate) fn acceleration(&self, a: &Vector6, V: &Vector6) -> Vector6 {
         let turn = self.turns * self.velocity(V) * (2.0 * self.zeta.dot(&linear(V)));
         let turned = self.turns * stack(&Vector3::zeros(), &angular(a)) * self.beyond_m;
         stack(&self.left(&linear(a), &(turned + turn)), &angular(a))
@@ -153,7 +144,7 @@ mod tests {
         standing("planar2r", [0.3, 0.0, 0.0, 0.0, 0.0, 0.0], |now| {
             let outwards = Vector3::new(libm::cos(0.3), libm::sin(0.3), 0.0);
             let along = Vector3::new(-outwards.y, outwards.x, 0.0);
-            let twist = |v: Vector3<f64>| stack(&v, &Vector3::zeros());
+            let twist = |v: Vector3| stack(&v, &Vector3::zeros());
             let boundary = |beyond_m: f64| nearest(task, now, &twist(outwards * beyond_m));
             let half = boundary(0.5).unwrap();
             // The path at 1 m/s along and 0.7 m/s outwards, without an acceleration: its angle has the rate 0.4 and the acceleration −2·0.7·0.4/2.5.

@@ -4,9 +4,9 @@
 //! special case at any sign or turn of the quaternion, which is normalised where the curve is evaluated. The clock that runs along s is the leg's
 //! ([`path`](super::path)).
 
-use crate::linear::{rotation_exp, rotation_log, stack};
+use crate::linear::{Matrix3, Vector3, Vector6, rotation_exp, rotation_log, rotation_of, stack};
 use model::Pose;
-use nalgebra::{Matrix3, Quaternion, Rotation3, SVector, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{Quaternion, Rotation3, SVector, UnitQuaternion};
 use shared_types::pose_table::Row;
 use shared_types::scenario::{Frame, Points};
 use std::cmp::Ordering;
@@ -42,8 +42,8 @@ pub(crate) struct Curve {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Point {
     pub(super) pose: Pose,
-    pub(super) slope: Vector6<f64>,
-    pub(super) bend: Vector6<f64>,
+    pub(super) slope: Vector6,
+    pub(super) bend: Vector6,
 }
 
 /// Why there is no smooth curve through the samples.
@@ -288,12 +288,8 @@ fn solved(mut band: Vec<[f64; 4]>, mut right: Vec<Vector7>) -> Vec<Vector7> {
 }
 
 /// The pose that a position and a quaternion of a scenario mean in a frame, from the pose at the segment's start.
-fn placed(frame: Frame, start: &Pose, p: Vector3<f64>, q: Option<&[f64; 4]>) -> Pose {
-    let R = q.map_or_else(Matrix3::identity, |[w, x, y, z]| {
-        UnitQuaternion::from_quaternion(Quaternion::new(*w, *x, *y, *z))
-            .to_rotation_matrix()
-            .into_inner()
-    });
+fn placed(frame: Frame, start: &Pose, p: Vector3, q: Option<&[f64; 4]>) -> Pose {
+    let R = q.map_or_else(Matrix3::identity, |q| rotation_of(*q));
     match frame {
         Frame::Base | Frame::World => Pose {
             R: if q.is_some() { R } else { start.R },
@@ -344,7 +340,7 @@ pub(super) fn by_length(poses: &[Pose]) -> Vec<Sample> {
 /// takes of both lines: with c the corner, p = c + u·a + w·b, a′ = 1 − b′ and b′ = 3σ² − 2σ³. So do the turns. The second derivative is
 /// continuous everywhere.
 pub(super) fn rounded(poses: &[Pose], blend_m: Option<f64>) -> Vec<Sample> {
-    let lines: Vec<(f64, Vector3<f64>, Vector3<f64>)> = poses
+    let lines: Vec<(f64, Vector3, Vector3)> = poses
         .windows(2)
         .map(|pair| {
             let length = apart(&pair[0], &pair[1]).max(f64::MIN_POSITIVE);
@@ -389,15 +385,21 @@ pub(super) fn rounded(poses: &[Pose], blend_m: Option<f64>) -> Vec<Sample> {
 }
 
 /// An arc about a unit vector in base axes.
+///
+/// # Errors
+/// The radius at which it begins, m, where it has none there or at its end.
 pub(super) fn arc(
     arc: &shared_types::scenario::Arc,
-    axis: &Vector3<f64>,
+    axis: &Vector3,
     start: &Pose,
-) -> Vec<Sample> {
+) -> Result<Vec<Sample>, f64> {
     let centre = placed(arc.frame, start, arc.centre_m.into(), None).p;
     let from = start.p - centre;
     let radial = from - axis * from.dot(axis);
     let (foot, radius) = (start.p - radial, radial.norm());
+    if radius < 1e-6 || radius + arc.grow_m <= 0.0 {
+        return Err(radius);
+    }
     let angle = arc.by_deg.to_radians();
     let count = (angle.abs() / FINE).ceil().max(8.0) as u32;
     let sample = |k: u32| {
@@ -412,13 +414,7 @@ pub(super) fn arc(
         };
         (s, Pose { R, p })
     };
-    (0..=count).map(sample).collect()
-}
-
-/// The radius at which an arc begins, m.
-pub(super) fn radius(arc: &shared_types::scenario::Arc, axis: &Vector3<f64>, start: &Pose) -> f64 {
-    let from = start.p - placed(arc.frame, start, arc.centre_m.into(), None).p;
-    (from - axis * from.dot(axis)).norm()
+    Ok((0..=count).map(sample).collect())
 }
 
 /// The poses of a table, over its time as a share of all.
@@ -461,7 +457,7 @@ pub(super) fn end_speed(samples: &[Sample], apart: f64, is_last: bool) -> Option
     let (near, far) = (rate(&one, &two), rate(&two, &three));
     let share = (two.0 - one.0) / (three.0 - one.0);
     let end = near - (far - near) * share;
-    let norms = |V: &Vector6<f64>| (V.fixed_rows::<3>(0).norm(), V.fixed_rows::<3>(3).norm());
+    let norms = |V: &Vector6| (V.fixed_rows::<3>(0).norm(), V.fixed_rows::<3>(3).norm());
     let ((v, w), (far_v, far_w)) = (norms(&end), norms(&far));
     let is_moving = 3.0 * v > far_v || 3.0 * w > far_w;
     is_moving.then_some((

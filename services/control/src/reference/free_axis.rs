@@ -4,26 +4,19 @@
 //! R_d·Rᵀ about k, so that the error log(R_d'·Rᵀ) has no share about k, and none of what is served depends on α.
 
 use crate::centre::PoseMotion;
-use crate::linear::{angular, linear, rotation_exp, rotation_log, rotation_twist, stack};
-use nalgebra::{Matrix3, Vector3};
+use crate::linear::{
+    Matrix3, Vector3, angular, linear, rotation_exp, rotation_log, rotation_twist, stack,
+};
 
 /// The one base axis about which the task does not serve rotation; `None` where it serves all three, or fewer than two.
-#[must_use]
-pub fn free_axis(task: &[bool; 6]) -> Option<Vector3<f64>> {
+pub fn free_axis(task: &[bool; 6]) -> Option<Vector3> {
     let mut free = (0..3).filter(|k| !task[3 + k]);
     let (first, second) = (free.next()?, free.next());
-    second
-        .is_none()
-        .then(|| Vector3::from_fn(|k, _| if k == first { 1.0 } else { 0.0 }))
+    second.is_none().then(|| Vector3::ith(first, 1.0))
 }
 
 /// The rotation vector from `R` to `R_d`; without the share about `free` where there is one. Units rad.
-#[must_use]
-pub(crate) fn rotation_error(
-    R_d: &Matrix3<f64>,
-    R: &Matrix3<f64>,
-    free: Option<&Vector3<f64>>,
-) -> Vector3<f64> {
+pub(crate) fn rotation_error(R_d: &Matrix3, R: &Matrix3, free: Option<&Vector3>) -> Vector3 {
     let E = R_d * R.transpose();
     match free {
         None => rotation_log(&E),
@@ -37,9 +30,9 @@ pub(crate) fn rotation_error(
 #[must_use]
 pub(crate) fn turned(
     desired: &PoseMotion,
-    R: &Matrix3<f64>,
-    omega: &Vector3<f64>,
-    k: &Vector3<f64>,
+    R: &Matrix3,
+    omega: &Vector3,
+    k: &Vector3,
 ) -> PoseMotion {
     let T = rotation_exp(&(k * -rotation_twist(&(desired.R * R.transpose()), k)));
     let (w, a) = (T * angular(&desired.V), T * angular(&desired.a));
@@ -82,8 +75,8 @@ mod tests {
                 rotation_exp(&turn) * rotation_exp(&Vector3::from(start))
             };
             let actual = |t: f64| rotation_exp(&(k * -(alpha + alpha_rate * t + 0.5 * alpha_rate_rate * t * t))) * desired(t);
-            let omega = |f: &dyn Fn(f64) -> Matrix3<f64>, t: f64| rotation_log(&(f(t + 1e-4) * f(t - 1e-4).transpose())) / 2e-4;
-            let rate = |f: &dyn Fn(f64) -> Matrix3<f64>| (omega(f, 1e-3) - omega(f, -1e-3)) / 2e-3;
+            let omega = |f: &dyn Fn(f64) -> Matrix3, t: f64| rotation_log(&(f(t + 1e-4) * f(t - 1e-4).transpose())) / 2e-4;
+            let rate = |f: &dyn Fn(f64) -> Matrix3| (omega(f, 1e-3) - omega(f, -1e-3)) / 2e-3;
             let motion = PoseMotion {
                 R: desired(0.0),
                 p: Vector3::zeros(),

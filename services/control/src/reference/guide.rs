@@ -2,10 +2,10 @@
 //!
 //! Reduces to the paper's law: without a plan nothing changes, and on a feasible path the planned coordinate is the one that the path needs.
 
+use crate::linear::Joints;
 use crate::paper::reference::Target;
 use crate::plan::{PathPlan, Sample};
 use crate::types::{Mode, Singularity};
-use nalgebra::SVector;
 
 /// Error of a planned auxiliary coordinate from which, and at which, the clock waits for it, rad.
 const WAIT_FROM: f64 = 0.05;
@@ -22,13 +22,13 @@ const LAG_S: f64 = 0.04;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Planned<const N: usize> {
     /// Posture, rad.
-    pub q: SVector<f64, N>,
+    pub q: Joints<N>,
     /// Its rate, rad/s.
-    pub qdot: SVector<f64, N>,
+    pub qdot: Joints<N>,
     /// Its acceleration, rad/s²: the mean over a time in which a torque can rise.
-    pub qddot: SVector<f64, N>,
+    pub qddot: Joints<N>,
     /// The same for spare joints: the mean over a longer time, for their plan is no smoother than it need be, and leaves the torque rates to the path.
-    pub qddot_spare: SVector<f64, N>,
+    pub qddot_spare: Joints<N>,
     /// Speed of the path's clock against the route's: 1, or 0 while the path waits.
     pub time_rate: f64,
 }
@@ -43,7 +43,6 @@ pub struct Guide<const N: usize> {
 
 impl<const N: usize> Guide<N> {
     /// By a plan, or by none, for a path of so many `legs`.
-    #[must_use]
     pub fn new(plan: Option<PathPlan<N>>, legs: usize) -> Self {
         Self { plan, legs }
     }
@@ -52,7 +51,6 @@ impl<const N: usize> Guide<N> {
     ///
     /// After the last leg it is the posture in which the plan ends. A plan that ends earlier, before a leg whose goal is beyond reach, says nothing
     /// about that leg.
-    #[must_use]
     pub fn at(&self, leg: usize, route_s: f64) -> Option<Sample<N>> {
         let plan = self.plan.as_ref()?;
         let after = leg == self.legs && leg == plan.legs() && route_s >= plan.duration_s();
@@ -60,15 +58,13 @@ impl<const N: usize> Guide<N> {
     }
 
     /// The leg whose goal is beyond reach, before which the plan ends, and the posture in which it does, rad.
-    #[must_use]
-    pub fn beyond_reach(&self) -> Option<(usize, SVector<f64, N>)> {
+    pub fn beyond_reach(&self) -> Option<(usize, Joints<N>)> {
         let plan = self.plan.as_ref()?;
         plan.is_short()
             .then(|| (plan.legs(), plan.at(plan.duration_s()).q))
     }
 
     /// The planned motion there, where the clock runs at `rate` and changes at `rate_dot`, 1/s.
-    #[must_use]
     pub fn motion(&self, leg: usize, route_s: f64, rate: f64, rate_dot: f64) -> Option<Planned<N>> {
         let plan = self.plan.as_ref()?;
         let now = self.at(leg, route_s)?;
@@ -88,20 +84,17 @@ impl<const N: usize> Guide<N> {
     }
 
     /// Fastest clock to begin with, 1 without a plan.
-    #[must_use]
     pub fn first_speed(&self) -> f64 {
         self.speed(self.at(0, 0.0).is_some(), 0.0, 1.0)
     }
 
     /// Whether the leg of this index is one whose goal is beyond reach, or comes after it.
-    #[must_use]
     pub fn ends_before(&self, leg: usize) -> bool {
         self.beyond_reach().is_some_and(|(first, _)| leg >= first)
     }
 
     /// The target of an auxiliary coordinate: its gradient times the way to the planned posture.
-    #[must_use]
-    pub fn target(&self, s: &Singularity<N>, planned: &Planned<N>, q: &SVector<f64, N>) -> Target {
+    pub fn target(&self, s: &Singularity<N>, planned: &Planned<N>, q: &Joints<N>) -> Target {
         let mode = if planned.time_rate == 0.0 {
             Mode::Reorient
         } else {
@@ -118,14 +111,12 @@ impl<const N: usize> Guide<N> {
     }
 
     /// Demand on the clock by a coordinate that is not where it is planned.
-    #[must_use]
     #[inline]
     pub fn waiting(error: f64, beta: f64) -> f64 {
         (1.0 - beta) * ((error.abs() - WAIT_FROM) / (WAIT_TO - WAIT_FROM)).clamp(0.0, 1.0) * WAIT
     }
 
     /// Fastest clock that the plan allows from now until the clock's lag has passed.
-    #[must_use]
     #[inline]
     pub fn speed(&self, is_planned: bool, route_s: f64, clock: f64) -> f64 {
         let plan = self.plan.as_ref().filter(|_| is_planned);
@@ -133,7 +124,6 @@ impl<const N: usize> Guide<N> {
     }
 
     /// Path time that passes while the route's clock goes on by `step_s`, s.
-    #[must_use]
     #[inline]
     pub fn path_time(&self, route_s: f64, step_s: f64) -> f64 {
         self.plan.as_ref().map_or(step_s, |plan| {

@@ -21,13 +21,12 @@ pub mod turn;
 
 use crate::centre::PoseMotion;
 use crate::controller::Setup;
-use crate::linear::{angular, clamp_norm, linear, stack};
+use crate::linear::{Vector3, Vector6, angular, linear, stack};
 use crate::paper::type_2::Turn;
 use crate::state::State;
 use crate::tick::{Motion, Now};
 use crate::types::Report;
 use free_axis::{free_axis, rotation_error, turned};
-use nalgebra::{Vector3, Vector6};
 use shared_types::scenario::Control;
 
 /// Largest position error that feedback answers to, m: a goal far away must not demand the acceleration of its whole distance.
@@ -39,10 +38,10 @@ const ORIENTATION_ERROR_MAX: f64 = 0.25;
 const DEEP: f64 = 0.25;
 
 /// A pose error as far as feedback answers to it.
-pub(crate) fn bounded(error: &Vector6<f64>) -> Vector6<f64> {
+pub(crate) fn bounded(error: &Vector6) -> Vector6 {
     stack(
-        &clamp_norm(linear(error), POSITION_ERROR_MAX),
-        &clamp_norm(angular(error), ORIENTATION_ERROR_MAX),
+        &linear(error).cap_magnitude(POSITION_ERROR_MAX),
+        &angular(error).cap_magnitude(ORIENTATION_ERROR_MAX),
     )
 }
 
@@ -128,7 +127,7 @@ pub(crate) fn motion<const N: usize>(
 /// The twist that is lost for ζ = [f; m] is t = [f + m × r; m], r from E to C: the force is lost at C, the moment's rotation about E. Only its part
 /// orthogonal to ζ is taken out, so that what answers along ζ stays as it is. And only deep in the neighbourhood ([`DEEP`]): where the auxiliary
 /// coordinate is held, moving C turns the hand about ζ in proportion to s, and with a gain of one it would run away.
-fn about_E<const N: usize>(at_C: [Vector6<f64>; 2], now: &Now<'_, N>) -> [Vector6<f64>; 2] {
+fn about_E<const N: usize>(at_C: [Vector6; 2], now: &Now<'_, N>) -> [Vector6; 2] {
     let r = now.terms.X_BE.R * now.p_EC;
     let mut out = at_C;
     for s in now.report.listed() {
@@ -137,7 +136,7 @@ fn about_E<const N: usize>(at_C: [Vector6<f64>; 2], now: &Now<'_, N>) -> [Vector
         // At least a half for every r below 1 m.
         let pairing = zeta.dot(&t).max(0.5);
         let across = (t - zeta * zeta.dot(&t)) / pairing;
-        let lost = 1.0 - s.neighborhood().openness(s.s / DEEP);
+        let lost = 1.0 - s.openness(s.s / DEEP);
         for (out, error) in out.iter_mut().zip(&at_C) {
             *out -= across * (lost * zeta.dot(error));
         }
@@ -146,10 +145,10 @@ fn about_E<const N: usize>(at_C: [Vector6<f64>; 2], now: &Now<'_, N>) -> [Vector
 }
 
 /// The share of an error along the lost directions, as far as each is left to its auxiliary coordinate.
-pub(crate) fn along_lost<const N: usize>(error: &Vector6<f64>, report: &Report<N>) -> Vector6<f64> {
+pub(crate) fn along_lost<const N: usize>(error: &Vector6, report: &Report<N>) -> Vector6 {
     let mut across = *error;
     for s in report.listed() {
-        let openness = s.neighborhood().openness(s.s);
+        let openness = s.openness(s.s);
         across -= s.zeta_B * (s.zeta_B.dot(&across) * (1.0 - openness));
     }
     error - across
@@ -166,7 +165,7 @@ mod tests {
         standing("ur5", [0.4, -1.2, 1.5, 0.3, 0.0, 0.7], |now| {
             assert!(now.p_EC.norm() > 0.05, "{}", now.p_EC);
             // The error at C where E is on its path and the hand turned off it.
-            let moved = |turn: Vector3<f64>| {
+            let moved = |turn: Vector3| {
                 let at_C = turn.cross(&(now.terms.X_BE.R * now.p_EC));
                 let [error, _] = about_E([stack(&at_C, &turn), Vector6::zeros()], now);
                 linear(&error).norm()

@@ -7,10 +7,9 @@
 use super::curve::{self, Curve, CurveError, Point, Sample};
 use super::free_axis::free_axis;
 use crate::centre::PoseMotion;
-use crate::linear::{rotation_exp, rotation_log, stack};
+use crate::linear::{Matrix3, Vector3, Vector6, rotation_exp, rotation_log, rotation_of, stack};
 use crate::types::{Class, Kind, Report, Singularity};
 use model::Pose;
-use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3, Vector6};
 use shared_types::codes;
 use shared_types::scenario::{self, Axis, Frame, Scenario};
 
@@ -94,15 +93,15 @@ const EXACT: f64 = 1e-5;
 /// A direction in B, known now or when the leg begins.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Direction {
-    Fixed(Vector3<f64>),
+    Fixed(Vector3),
     /// In the hand's axes at the leg's start.
-    Tool(Vector3<f64>),
+    Tool(Vector3),
     /// ζ of the singularity in this place of the report, at the leg's start.
     Zeta(usize),
 }
 
 impl Direction {
-    fn resolve<const N: usize>(&self, start: &Pose, report: &Report<N>) -> Vector3<f64> {
+    fn resolve<const N: usize>(&self, start: &Pose, report: &Report<N>) -> Vector3 {
         match *self {
             Self::Fixed(direction) => direction,
             Self::Tool(direction) => start.R * direction,
@@ -117,15 +116,15 @@ impl Direction {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Translation {
     Stay,
-    To(Vector3<f64>),
-    By(Vector3<f64>),
+    To(Vector3),
+    By(Vector3),
     Along(Direction, f64),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Rotation {
     Stay,
-    To(Matrix3<f64>),
+    To(Matrix3),
     About(Direction, f64),
 }
 
@@ -158,7 +157,6 @@ pub struct Leg {
 
 impl Leg {
     /// Whether its goal depends on a singular direction at the moment when it begins.
-    #[must_use]
     pub fn is_relative(&self) -> bool {
         self.reorient.is_some()
             || matches!(self.translation, Translation::Along(Direction::Zeta(_), _))
@@ -166,13 +164,11 @@ impl Leg {
     }
 
     /// Whether the leg follows a curve.
-    #[must_use]
     pub fn is_curved(&self) -> bool {
         self.curve.is_some()
     }
 
     /// Largest rate of its time law over the mean.
-    #[must_use]
     pub fn peak(&self) -> f64 {
         match self.law {
             Law::Rest | Law::ThereAndBack => 1.875,
@@ -200,14 +196,13 @@ pub struct Progress {
     /// Desired pose at the leg's start.
     pub start: Pose,
     /// Translation over the leg, m.
-    pub by: Vector3<f64>,
+    pub by: Vector3,
     /// Rotation vector over the leg, rad.
-    pub turn: Vector3<f64>,
+    pub turn: Vector3,
 }
 
 impl Progress {
     /// At the beginning, at rest in `X_BE`.
-    #[must_use]
     pub fn at(X_BE: Pose) -> Self {
         Self {
             start: X_BE,
@@ -215,12 +210,12 @@ impl Progress {
         }
     }
 
-    /// The pose at the leg's end.
-    #[must_use]
-    pub fn goal(&self) -> Pose {
+    /// The pose at a share of the leg's straight way.
+    #[inline]
+    fn along(&self, x: f64) -> Pose {
         Pose {
-            R: rotation_exp(&self.turn) * self.start.R,
-            p: self.start.p + self.by,
+            R: rotation_exp(&(self.turn * x)) * self.start.R,
+            p: self.start.p + self.by * x,
         }
     }
 }
@@ -230,27 +225,20 @@ impl Progress {
 pub struct Ahead<'a> {
     progress: Progress,
     curve: Option<&'a Curve>,
-    p_E: Vector3<f64>,
+    p_E: Vector3,
     from: f64,
     to: f64,
 }
 
 impl Ahead<'_> {
     /// The pose of the point at `share` of what is left, 0 to 1.
-    #[must_use]
     pub fn pose(&self, share: f64) -> Pose {
         let x = self.from + share * (self.to - self.from);
-        if let Some(curve) = self.curve {
-            let Pose { R, p } = curve.at(x).pose;
-            return Pose {
-                R,
-                p: p + R * self.p_E,
-            };
-        }
-        let R = rotation_exp(&(self.progress.turn * x)) * self.progress.start.R;
+        let way = |curve: &Curve| curve.at(x).pose;
+        let Pose { R, p } = self.curve.map_or_else(|| self.progress.along(x), way);
         Pose {
             R,
-            p: self.progress.start.p + self.progress.by * x + R * self.p_E,
+            p: p + R * self.p_E,
         }
     }
 }
@@ -344,9 +332,9 @@ impl Path {
     }
 
     /// How far a leg that begins leads along and about each axis; a turn to a given orientation does not count where an axis is free.
-    fn way(&self, leg: &Leg, place: &Progress, has_free_axis: bool) -> Vector6<f64> {
+    fn way(&self, leg: &Leg, place: &Progress, has_free_axis: bool) -> Vector6 {
         let is_met = has_free_axis && (matches!(leg.rotation, Rotation::To(_)) || leg.is_curved());
-        let turn = |turn: Vector3<f64>| if is_met { Vector3::zeros() } else { turn };
+        let turn = |turn: Vector3| if is_met { Vector3::zeros() } else { turn };
         let Some(curve) = self.curve(leg) else {
             return stack(&place.by, &turn(place.turn)).abs();
         };
@@ -361,14 +349,12 @@ impl Path {
     }
 
     /// Whether the present leg, which has begun, leaves the hand where it is.
-    #[must_use]
     pub fn is_still(&self, progress: &Progress) -> bool {
         let is_curved = self.legs.get(progress.leg).is_some_and(Leg::is_curved);
         !is_curved && progress.by == Vector3::zeros() && progress.turn == Vector3::zeros()
     }
 
     /// Length of a curve at this index, m, and its turn, rad; zero for any other leg.
-    #[must_use]
     pub fn extent(&self, index: usize) -> (f64, f64) {
         let curve = self.legs.get(index).and_then(|leg| self.curve(leg));
         let mut before: Option<Pose> = None;
@@ -381,14 +367,17 @@ impl Path {
         })
     }
 
+    /// All of its legs.
+    pub fn legs(&self) -> &[Leg] {
+        &self.legs
+    }
+
     /// The leg at this index, while the path lasts.
-    #[must_use]
     pub fn leg(&self, index: usize) -> Option<&Leg> {
         self.legs.get(index)
     }
 
     /// The time that all legs take by the path's clock, s.
-    #[must_use]
     pub fn duration_s(&self) -> f64 {
         self.legs.iter().map(|leg| leg.duration_s).sum()
     }
@@ -423,7 +412,7 @@ impl Path {
                 return;
             }
             if leg.law != Law::ThereAndBack {
-                progress.start = progress.goal();
+                progress.start = progress.along(1.0);
             }
             progress.time_s -= leg.duration_s;
             progress.leg += 1;
@@ -433,7 +422,6 @@ impl Path {
     }
 
     /// Fraction of the present leg's way, its rate and acceleration, per unit of the path's clock.
-    #[must_use]
     pub fn fraction(&self, progress: &Progress) -> [f64; 3] {
         let Some(leg) = self.legs.get(progress.leg) else {
             return [0.0; 3];
@@ -452,7 +440,6 @@ impl Path {
     }
 
     /// Fraction of the present leg's time law from 0 to 1, whatever the shape of its way: for what goes along with it.
-    #[must_use]
     pub fn ramp(&self, progress: &Progress) -> f64 {
         self.legs
             .get(progress.leg)
@@ -460,8 +447,7 @@ impl Path {
     }
 
     /// The rest of the present leg, for a point fixed at `p_E` in the end-effector.
-    #[must_use]
-    pub fn ahead(&self, progress: &Progress, p_E: Vector3<f64>) -> Ahead<'_> {
+    pub fn ahead(&self, progress: &Progress, p_E: Vector3) -> Ahead<'_> {
         let [x, v, _] = self.fraction(progress);
         let leg = self.legs.get(progress.leg);
         Ahead {
@@ -474,13 +460,11 @@ impl Path {
     }
 
     /// Desired motion of E, where the clock runs at `rate` and changes at `rate_dot` (1/s).
-    #[must_use]
     pub fn desired(&self, progress: &Progress, rate: f64, rate_dot: f64) -> PoseMotion {
         self.place(progress).moving(rate, rate_dot)
     }
 
     /// The place on the path where the clock is.
-    #[must_use]
     #[inline]
     pub fn place(&self, progress: &Progress) -> Place {
         let fraction = self.fraction(progress);
@@ -495,13 +479,9 @@ impl Path {
                 fraction,
             };
         }
-        let Progress { by, turn, .. } = *progress;
         Place {
-            pose: Pose {
-                R: rotation_exp(&(turn * x)) * progress.start.R,
-                p: progress.start.p + by * x,
-            },
-            slope: stack(&by, &turn),
+            pose: progress.along(x),
+            slope: stack(&progress.by, &progress.turn),
             bend: None,
             fraction,
         }
@@ -513,14 +493,13 @@ impl Path {
 pub struct Place {
     pose: Pose,
     /// First derivative by s, and the second one of a curve.
-    slope: Vector6<f64>,
-    bend: Option<Vector6<f64>>,
+    slope: Vector6,
+    bend: Option<Vector6>,
     fraction: [f64; 3],
 }
 
 impl Place {
     /// Desired motion of E here, where the clock runs at `rate` and changes at `rate_dot` (1/s).
-    #[must_use]
     #[inline]
     pub fn moving(&self, rate: f64, rate_dot: f64) -> PoseMotion {
         let [_, v, a] = self.fraction;
@@ -536,13 +515,12 @@ impl Place {
 }
 
 /// Translation and rotation vector from one pose to another.
-fn between(from: &Pose, to: &Pose) -> (Vector3<f64>, Vector3<f64>) {
+fn between(from: &Pose, to: &Pose) -> (Vector3, Vector3) {
     let turn = rotation_log(&(to.R * from.R.transpose()));
     (to.p - from.p, turn)
 }
 
 /// Quintic time law: position, velocity, acceleration of x(t) = 10τ³ − 15τ⁴ + 6τ⁵, τ = t/T; at rest at both ends.
-#[must_use]
 pub fn quintic(t: f64, T: f64) -> [f64; 3] {
     let x = (t / T).clamp(0.0, 1.0);
     [
@@ -599,14 +577,13 @@ fn samples<const N: usize>(
     }
     if let Some(arc) = &segment.arc {
         let axis = direction(i, &arc.about, report)?.resolve(start, report);
-        let radius = curve::radius(arc, &axis, start);
-        if radius < 1e-6 || radius + arc.grow_m <= 0.0 {
-            return Err(wrong(format!(
+        let samples = curve::arc(arc, &axis, start).map_err(|radius| {
+            wrong(format!(
                 "the arc begins with a radius of {radius:.6} m and grows by {} m: move centre_m away from the hand, or correct grow_m",
                 arc.grow_m
-            )));
-        }
-        return exactly(curve::arc(arc, &axis, start));
+            ))
+        });
+        return exactly(samples?);
     }
     let Some(table) = &segment.table else {
         return Ok(None);
@@ -692,12 +669,8 @@ fn leg<const N: usize>(
     };
     let rotation = if let Some(rows) = segment.rotation {
         Rotation::To(Matrix3::from_row_iterator(rows.into_iter().flatten()))
-    } else if let Some([w, x, y, z]) = segment.quaternion {
-        Rotation::To(
-            UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
-                .to_rotation_matrix()
-                .into_inner(),
-        )
+    } else if let Some(q) = segment.quaternion {
+        Rotation::To(rotation_of(q))
     } else if let Some(turn) = &segment.turn {
         Rotation::About(direction(i, &turn.about, report)?, turn.by_deg.to_radians())
     } else {
@@ -789,19 +762,10 @@ fn place<const N: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::{Rotation3, UnitQuaternion};
     use proptest::prelude::*;
 
     proptest! {
-        #[test]
-        fn the_quintic_is_its_own_derivative(t in 0.01..1.99_f64) {
-            let h = 1e-5;
-            let [x0, v0, _] = quintic(t - h, 2.0);
-            let [x1, v1, _] = quintic(t + h, 2.0);
-            let [_, v, a] = quintic(t, 2.0);
-            prop_assert!(((x1 - x0) / (2.0 * h) - v).abs() < 1e-7);
-            prop_assert!(((v1 - v0) / (2.0 * h) - a).abs() < 1e-7);
-        }
-
         #[test]
         fn desired_motion_is_consistent_at_any_clock_speed(t in 0.1..1.9_f64, rate in 0.1..1.0_f64) {
             for segment in [
@@ -905,7 +869,7 @@ mod tests {
         let row = |k: u32| {
             let t = f64::from(k) / f64::from(rate_hz);
             let X = motion(t);
-            let R = nalgebra::Rotation3::from_matrix_unchecked(X.R);
+            let R = Rotation3::from_matrix_unchecked(X.R);
             let q = UnitQuaternion::from_rotation_matrix(&R);
             let q = q.quaternion() * if k.is_multiple_of(2) { 1.0 } else { -1.0 };
             format!(

@@ -2,11 +2,11 @@
 
 use super::avoidance;
 use crate::controller::Setup;
+use crate::linear::Joints;
 use crate::setup::{SetupError, posture_goals};
 use crate::state::State;
 use crate::tick::{Motion, Now};
 use model::Robot;
-use nalgebra::SVector;
 use shared_types::scenario::Scenario;
 
 /// Distance from the start posture that the null space of a steered arm answers to, rad: it goes back at 0.1 rad/s. A session leads the arm far from
@@ -16,9 +16,9 @@ const STEERED: f64 = 0.04;
 /// The posture goals of a task.
 #[derive(Clone, Debug)]
 pub(crate) struct Postures<const N: usize> {
-    q_start: SVector<f64, N>,
-    /// Posture goal of each leg, rad.
-    goals: Vec<SVector<f64, N>>,
+    q_start: Joints<N>,
+    /// Posture goal of each leg, rad; `None`: that of the start.
+    goals: Vec<Option<Joints<N>>>,
     /// Whether the scenario commands any of them.
     commanded: bool,
     /// Whether the run is steered.
@@ -35,33 +35,30 @@ impl<const N: usize> Postures<N> {
     pub(crate) fn new(
         robot: &Robot,
         scenario: &Scenario,
-        q_start: SVector<f64, N>,
+        q_start: Joints<N>,
     ) -> Result<Self, SetupError> {
-        let commanded = scenario
-            .segment
-            .iter()
-            .any(|segment| segment.posture().is_some());
+        let goals = posture_goals(robot, scenario)?;
         Ok(Self {
             q_start,
-            goals: posture_goals(robot, scenario, &q_start)?,
-            commanded,
+            commanded: goals.iter().any(Option::is_some),
+            goals,
             steered: scenario.servo.is_some(),
             attracts: !scenario.control.strategy.follows_paths(),
         })
     }
 
     /// Those of a steered run that starts in another posture.
-    pub(crate) fn begin(&mut self, q_start: SVector<f64, N>) {
+    pub(crate) fn begin(&mut self, q_start: Joints<N>) {
         self.q_start = q_start;
     }
 
-    /// Posture goal of each leg, rad.
-    pub(crate) fn goals(&self) -> &[SVector<f64, N>] {
+    /// Posture goal of each leg that has one, rad.
+    pub(crate) fn goals(&self) -> &[Option<Joints<N>>] {
         &self.goals
     }
 
     /// Keeps a posture from a leg of this index on, where none is commanded: the one in which a plan ends before the path does.
-    pub(crate) fn stay(&mut self, from: Option<(usize, SVector<f64, N>)>) {
+    pub(crate) fn stay(&mut self, from: Option<(usize, Joints<N>)>) {
         let Some((leg, q)) = from.filter(|_| !self.commanded) else {
             return;
         };
@@ -71,7 +68,7 @@ impl<const N: usize> Postures<N> {
         self.goals
             .iter_mut()
             .skip(leg.saturating_sub(1))
-            .for_each(|goal| *goal = q);
+            .for_each(|goal| *goal = Some(q));
     }
 
     /// ∇V₀ of Eq. 5, rad/s²: towards the planned posture, else the commanded one, and near a lost direction around it.
@@ -81,7 +78,7 @@ impl<const N: usize> Postures<N> {
         state: &State<N>,
         now: &Now<'_, N>,
         motion: &Motion<N>,
-    ) -> SVector<f64, N> {
+    ) -> Joints<N> {
         let control = &setup.scenario.control;
         let (k_p, k_vq) = (control.k_p, control.k_vq());
         if let Some(plan) = motion.planned.as_ref().filter(|_| !self.commanded) {
@@ -100,15 +97,22 @@ impl<const N: usize> Postures<N> {
     }
 
     /// The goal, as far as the leg's own time law has come.
-    fn at(&self, setup: &Setup<N>, state: &State<N>) -> SVector<f64, N> {
-        let leg = state.progress.leg;
-        let Some(goal) = self.goals.get(leg) else {
-            return *self.goals.last().unwrap_or(&self.q_start);
+    fn at(&self, setup: &Setup<N>, state: &State<N>) -> Joints<N> {
+        let (leg, legs) = (state.progress.leg, self.goals.len());
+        let goal = |leg: usize| {
+            self.goals
+                .get(leg)
+                .copied()
+                .flatten()
+                .unwrap_or(self.q_start)
         };
-        if self.attracts {
-            return *goal;
+        if leg >= legs {
+            return goal(legs.saturating_sub(1));
         }
-        let from = leg.checked_sub(1).map_or(&self.q_start, |i| &self.goals[i]);
-        from + (goal - from) * setup.path.ramp(&state.progress)
+        if self.attracts {
+            return goal(leg);
+        }
+        let from = leg.checked_sub(1).map_or(self.q_start, goal);
+        from + (goal(leg) - from) * setup.path.ramp(&state.progress)
     }
 }

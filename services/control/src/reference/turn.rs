@@ -3,11 +3,13 @@
 //! Reduces to the paper's law: the plan chooses which way round ζ is turned and predicts the motion; the turn itself is the paper's Type 2 strategy.
 
 use crate::limits::clock::MARGIN;
+use crate::linear::{Joints, largest_share};
 use crate::paper::type_2::Turn;
 use crate::reference::path::quintic;
+use crate::singularity::family::Family;
+use crate::singularity::turning::turning;
 use crate::types::{Refusal, Singularity};
 use model::Model;
-use nalgebra::SVector;
 use shared_types::scenario::Control;
 
 /// Distance that a planned null-space motion keeps from joint limits, rad.
@@ -23,7 +25,7 @@ const SLICES: u32 = 64;
 #[derive(Clone, Copy, Debug)]
 pub struct Room<'a, const N: usize> {
     /// Joint positions, rad.
-    pub q: &'a SVector<f64, N>,
+    pub q: &'a Joints<N>,
     /// The arm's limits.
     pub model: &'a Model<N>,
     /// Rate limits of the auxiliary coordinates, and whether the governor acts.
@@ -32,19 +34,19 @@ pub struct Room<'a, const N: usize> {
 
 /// The turn of ζ by `angle` (rad); the other way round where joint limits force it and the goal is the same line.
 ///
-/// `motion` gives the joint motion for an angle, rad; `duration_s` is the leg's.
+/// `duration_s` is the leg's.
 ///
 /// # Errors
 /// [`Refusal::Room`] where the joint limits allow neither.
 pub fn plan<const N: usize>(
+    family: &Family<N>,
     s: &Singularity<N>,
     angle: f64,
     duration_s: f64,
     room: &Room<'_, N>,
-    motion: impl Fn(f64) -> Option<SVector<f64, N>>,
 ) -> Result<Turn<N>, Refusal> {
     let plan = |angle: f64| {
-        let by = motion(angle).filter(|by| room.holds(by))?;
+        let by = turning(family, room.model, room.q, s, angle).filter(|by| room.holds(by))?;
         Some(Turn {
             from: s.axis(),
             angle,
@@ -61,7 +63,7 @@ pub fn plan<const N: usize>(
 
 impl<const N: usize> Room<'_, N> {
     /// Whether every joint stays within its limits.
-    fn holds(&self, by: &SVector<f64, N>) -> bool {
+    fn holds(&self, by: &Joints<N>) -> bool {
         let inside = |i: usize| {
             let end = self.q[i] + by[i];
             by[i] == 0.0
@@ -72,11 +74,9 @@ impl<const N: usize> Room<'_, N> {
     }
 
     /// Duration of a turn whose time law the governor slows down where a rate would exceed its limit: ∫ max(1, demand/0.95) dt, s.
-    fn duration_of(&self, angle: f64, by: &SVector<f64, N>, planned_s: f64) -> f64 {
-        let mut share = angle.abs() / self.control.aux_rate_max.largest();
-        for i in 0..N {
-            share = share.max(by[i].abs() / self.model.velocity()[i]);
-        }
+    fn duration_of(&self, angle: f64, by: &Joints<N>, planned_s: f64) -> f64 {
+        let share = angle.abs() / self.control.aux_rate_max.largest();
+        let share = share.max(largest_share(by, self.model.velocity()));
         if !self.control.governor {
             return planned_s;
         }

@@ -4,12 +4,12 @@
 //! neighbourhoods with hysteresis, rank, determinant, manipulability.
 
 use crate::centre::AtCentre;
-use crate::linear::{rank, volume};
+use crate::linear::{Jacobian, Joints, Vector6, rank, volume};
 use crate::paper::neighborhood::Neighborhood;
 use crate::singularity::family::{Family, Posture};
 use crate::types::{Report, Singularity};
-use model::{Factors, Robot, Terms, unit_scaled};
-use nalgebra::{SMatrix, SVector, Vector3, Vector6};
+use model::{Factors, Robot, TaskAxes, Terms, unit_scaled};
+use nalgebra::SMatrix;
 use shared_types::scenario::Analysis;
 use shared_types::{AnalyzerCheckpoint, MAX_SINGULARITIES};
 
@@ -29,7 +29,6 @@ pub struct Analyzer<const N: usize> {
 
 impl<const N: usize> Analyzer<N> {
     /// An analyzer for `robot` with the scenario's thresholds.
-    #[must_use]
     pub fn new(robot: &Robot, analysis: &Analysis) -> Self {
         Self {
             family: Family::of(robot, analysis),
@@ -48,7 +47,6 @@ impl<const N: usize> Analyzer<N> {
     }
 
     /// The family of its arm.
-    #[must_use]
     pub fn family(&self) -> &Family<N> {
         &self.family
     }
@@ -57,39 +55,12 @@ impl<const N: usize> Analyzer<N> {
     ///
     /// Units `q` rad, `qdot` rad/s · Frame of every vector in the report: B, at C.
     /// Requires finite `q`, `qdot` and `terms` of this very posture. Cost about 1 µs for six joints, no allocation.
-    pub fn step(
-        &mut self,
-        q: &SVector<f64, N>,
-        qdot: &SVector<f64, N>,
-        terms: &Terms<N>,
-    ) -> Report<N> {
-        let mut report = self.unexamined();
-        self.step_into(q, qdot, terms, &mut report);
+    pub fn step(&mut self, q: &Joints<N>, qdot: &Joints<N>, terms: &Terms<N>) -> Report<N> {
+        let mut report = Report::unexamined(self.length_m);
+        let at = self.list(q, qdot, terms, &mut report);
+        let determinant = self.factors.determinant(q.as_slice());
+        conditioning(&mut report, &at.J, &terms.J, determinant, &self.task);
         report
-    }
-
-    /// [`step`](Self::step) into place: `report` is one of this analyzer's, its last or [`unexamined`](Self::unexamined).
-    pub fn step_into(
-        &mut self,
-        q: &SVector<f64, N>,
-        qdot: &SVector<f64, N>,
-        terms: &Terms<N>,
-        report: &mut Report<N>,
-    ) {
-        let at = self.list(q, qdot, terms, report);
-        conditioning(
-            report,
-            &at.J,
-            &terms.J,
-            self.factors.determinant(q.as_slice()),
-            &self.task,
-        );
-    }
-
-    /// A report of no posture: no singularity, and all else zero.
-    #[must_use]
-    pub fn unexamined(&self) -> Report<N> {
-        Report::unexamined(self.length_m, Vector3::zeros())
     }
 
     /// The same without rank, determinant and manipulability, which are zero in it.
@@ -98,11 +69,11 @@ impl<const N: usize> Analyzer<N> {
     #[inline]
     pub(crate) fn listed(
         &mut self,
-        q: &SVector<f64, N>,
-        qdot: &SVector<f64, N>,
+        q: &Joints<N>,
+        qdot: &Joints<N>,
         terms: &Terms<N>,
     ) -> Report<N> {
-        let mut report = self.unexamined();
+        let mut report = Report::unexamined(self.length_m);
         self.list(q, qdot, terms, &mut report);
         report
     }
@@ -111,14 +82,14 @@ impl<const N: usize> Analyzer<N> {
     #[inline]
     pub(crate) fn list(
         &mut self,
-        q: &SVector<f64, N>,
-        qdot: &SVector<f64, N>,
+        q: &Joints<N>,
+        qdot: &Joints<N>,
         terms: &Terms<N>,
         report: &mut Report<N>,
     ) -> AtCentre<N> {
         let family = &mut self.family;
         let p_C = family.centre(terms);
-        let at = AtCentre::new(terms, &p_C, &terms.omega[N - 1]);
+        let at = AtCentre::new(terms, &p_C);
         let posture = Posture {
             q,
             qdot,
@@ -175,14 +146,14 @@ impl<const N: usize> Analyzer<N> {
 #[inline]
 fn conditioning<const N: usize>(
     report: &mut Report<N>,
-    J_C: &SMatrix<f64, 6, N>,
-    J_E: &SMatrix<f64, 6, N>,
+    J_C: &Jacobian<N>,
+    J_E: &Jacobian<N>,
     closed_form: Option<f64>,
     task: &[bool; 6],
 ) {
     let scaled = unit_scaled(J_C, report.length_m, task);
     report.rank = rank(&scaled, RANK_TOLERANCE);
-    let rows = task.iter().filter(|counts| **counts).count();
+    let rows = TaskAxes(*task).count();
     report.det = if N == 6 && rows == 6 {
         closed_form.unwrap_or_else(|| {
             let square = SMatrix::<f64, 6, 6>::from_fn(|i, j| J_E[(i, j)]);
@@ -206,14 +177,14 @@ fn conditioning<const N: usize>(
 }
 
 /// √det JJᵀ of the task's rows; √det JᵀJ where they are more than the joints.
-fn volume_of<const N: usize>(J: &SMatrix<f64, 6, N>, task: &[bool; 6]) -> f64 {
-    let rows = task.iter().filter(|counts| **counts).count();
+fn volume_of<const N: usize>(J: &Jacobian<N>, task: &[bool; 6]) -> f64 {
+    let rows = TaskAxes(*task).count();
     if rows > N {
-        let mut columns: [Vector6<f64>; N] =
+        let mut columns: [Vector6; N] =
             std::array::from_fn(|j| Vector6::from_fn(|k, _| if task[k] { J[(k, j)] } else { 0.0 }));
         return volume(&mut columns);
     }
-    let (mut counted, mut count) = ([SVector::<f64, N>::zeros(); 6], 0);
+    let (mut counted, mut count) = ([Joints::<N>::zeros(); 6], 0);
     for k in (0..6).filter(|k| task[*k]) {
         counted[count] = J.row(k).transpose();
         count += 1;

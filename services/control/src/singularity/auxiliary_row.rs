@@ -11,11 +11,10 @@
 //!
 //! Of types 2 and mixed this is so at the lock only, |s| < [`FOUND`]; beyond it a is turned towards ±m, by which the path is followed.
 
-use super::geometry::Span;
-use crate::linear::{sign, wrap_line};
+use crate::linear::{Basis, Joints, Vector3, sign, wrap_line};
 use crate::paper::neighborhood::Neighborhood;
 use crate::types::Class;
-use nalgebra::{SMatrix, SVector, Vector3};
+use nalgebra::SMatrix;
 use shared_types::bounds::within;
 
 /// Most that a turns in Π at a tick, rad: inside η_in, and beyond it in addition at full openness.
@@ -33,8 +32,8 @@ pub(super) struct Turn<'a, const N: usize> {
     pub(super) s: f64,
     pub(super) near: Neighborhood,
     /// σ·v, the direction in which the posture is off the singular one.
-    pub(super) m: SVector<f64, N>,
-    pub(super) v: SVector<f64, N>,
+    pub(super) m: Joints<N>,
+    pub(super) v: Joints<N>,
     /// u·H, whose symmetric part on Π is the curvature C.
     pub(super) Q: &'a SMatrix<f64, N, N>,
     /// At the first tick, when nothing depends on a yet; never with one direction alone, whose sign is that of s.
@@ -49,11 +48,11 @@ impl<const N: usize> Turn<'_, N> {
     /// turned by at most [`TURN`] · Errors none · Cost O(N²), no allocation
     pub(super) fn of(
         &self,
-        mut a: SVector<f64, N>,
-        others: Option<Span<N>>,
-        zeta_rate: impl Fn(&SVector<f64, N>) -> Vector3<f64>,
-    ) -> (SVector<f64, N>, SVector<f64, N>) {
-        let mut curvature_b = SVector::<f64, N>::zeros();
+        mut a: Joints<N>,
+        others: Option<Basis<N>>,
+        zeta_rate: impl Fn(&Joints<N>) -> Vector3,
+    ) -> (Joints<N>, Joints<N>) {
+        let mut curvature_b = Joints::<N>::zeros();
         if let Some(mut others) = others {
             let mut basis = others;
             basis.push(a);
@@ -101,12 +100,12 @@ impl<const N: usize> Turn<'_, N> {
         if within(a.amax(), 2.0) {
             (a, curvature_b)
         } else {
-            (self.v, SVector::zeros())
+            (self.v, Joints::zeros())
         }
     }
 
     /// aᵀCb.
-    fn mixed(&self, a: &SVector<f64, N>, b: &SVector<f64, N>) -> f64 {
+    fn mixed(&self, a: &Joints<N>, b: &Joints<N>) -> f64 {
         0.5 * (a.dot(&(self.Q * b)) + b.dot(&(self.Q * a)))
     }
 }
@@ -147,7 +146,7 @@ fn preferred(class: Class, [aa, ab, bb]: [f64; 3]) -> Option<[f64; 2]> {
 }
 
 /// The combination of two motions that turns ζ fastest, from its rates along each. `None` where neither turns it.
-fn strongest([one, two]: [Vector3<f64>; 2]) -> Option<[f64; 2]> {
+fn strongest([one, two]: [Vector3; 2]) -> Option<[f64; 2]> {
     let (half, cross) = (
         0.5 * (one.norm_squared() - two.norm_squared()),
         one.dot(&two),
@@ -160,11 +159,7 @@ fn strongest([one, two]: [Vector3<f64>; 2]) -> Option<[f64; 2]> {
 }
 
 /// `a` turned by at most `angle` towards the line of `target`.
-fn towards<const N: usize>(
-    a: &SVector<f64, N>,
-    target: &SVector<f64, N>,
-    angle: f64,
-) -> SVector<f64, N> {
+fn towards<const N: usize>(a: &Joints<N>, target: &Joints<N>, angle: f64) -> Joints<N> {
     let size = target.norm();
     if size <= 1e-9 || size.is_nan() {
         return *a;

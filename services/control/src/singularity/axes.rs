@@ -1,7 +1,7 @@
 //! Geometry of an arm's axes: where they meet, and the frames along singular directions.
 
+use crate::linear::{Joints, Matrix3, Vector3};
 use model::{JointKind, Model, Robot, Terms};
-use nalgebra::{Matrix3, SVector, Vector3};
 
 /// Sine of an angle, or distance in m, that counts as none.
 pub(super) const EXACT: f64 = 1e-6;
@@ -13,7 +13,7 @@ pub(super) const ROUNDED: f64 = 3e-5;
 const CROSS: f64 = 0.1;
 
 /// The shoulder's centre S, where the waist axis meets the shoulder axis, base axes, m: fixed in the base.
-pub(super) fn shoulder<const N: usize>(terms: &Terms<N>) -> Vector3<f64> {
+pub(super) fn shoulder<const N: usize>(terms: &Terms<N>) -> Vector3 {
     terms.p[0] + terms.z[0] * (terms.p[1] - terms.p[0]).dot(&terms.z[0])
 }
 
@@ -39,7 +39,7 @@ pub(super) fn meeting<const N: usize>(terms: &Terms<N>, tolerance: f64) -> (Opti
 }
 
 /// Where axes 1, 2, 3 meet, base axes, m: fixed in the base. `None` where they do not, within `tolerance` (m).
-pub(super) fn three_meet<const N: usize>(terms: &Terms<N>, tolerance: f64) -> Option<Vector3<f64>> {
+pub(super) fn three_meet<const N: usize>(terms: &Terms<N>, tolerance: f64) -> Option<Vector3> {
     if N < 3 {
         return None;
     }
@@ -69,8 +69,8 @@ pub(super) fn in_general_position<const N: usize, T: Copy>(
     let model = Model::<N>::new(robot, None).ok()?;
     let mut found = None;
     for k in 0..3 {
-        let q = SVector::from_fn(|i, _| 0.3 + (0.37 + 0.21 * f64::from(k)) * i as f64);
-        let one = recognise(&model.evaluate(&q, &SVector::zeros()))?;
+        let q = Joints::from_fn(|i, _| 0.3 + (0.37 + 0.21 * f64::from(k)) * i as f64);
+        let one = recognise(&model.evaluate(&q, &Joints::zeros()))?;
         if !same(&one, found.get_or_insert(one)) {
             return None;
         }
@@ -79,7 +79,7 @@ pub(super) fn in_general_position<const N: usize, T: Copy>(
 }
 
 /// A right-handed frame with x along `zeta`, a unit vector, and y as near `towards` as it can be.
-pub(super) fn frame(zeta: &Vector3<f64>, towards: &Vector3<f64>) -> Matrix3<f64> {
+pub(super) fn frame(zeta: &Vector3, towards: &Vector3) -> Matrix3 {
     let y = towards - zeta * zeta.dot(towards);
     let y = if y.norm() > 1e-9 {
         y.normalize()
@@ -88,9 +88,4 @@ pub(super) fn frame(zeta: &Vector3<f64>, towards: &Vector3<f64>) -> Matrix3<f64>
         zeta.cross(&farthest).normalize()
     };
     Matrix3::from_columns(&[*zeta, y, zeta.cross(&y)])
-}
-
-/// The gradient of joint `i`'s position.
-pub(super) fn unit<const N: usize>(i: usize) -> SVector<f64, N> {
-    SVector::from_fn(|k, _| if k == i { 1.0 } else { 0.0 })
 }

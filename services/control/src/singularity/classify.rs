@@ -2,13 +2,13 @@
 //!
 //! Everything here works on a copy of the arm, its joints as screws.
 
-use super::geometry::{Geometry, Span};
+use super::geometry::Geometry;
 use super::tracked_svd::TrackedSvd;
 use super::tracker::{Arm, unscaled};
-use crate::linear::symmetric_eigen;
+use crate::linear::{Joints, Matrix3, Vector3, symmetric_eigen};
 use crate::paper::operational_space::Cholesky;
 use crate::types::{Class, Kind};
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use nalgebra::SMatrix;
 use shared_types::bounds::within;
 
 /// κ₁ above which null-space motion moves the end-effector along ζ; unit-scaled, per rad².
@@ -45,7 +45,7 @@ pub(super) struct Lock {
 }
 
 /// A few directions of Π, zeros beyond its dimension.
-type Free<const N: usize> = [SVector<f64, N>; 3];
+type Free<const N: usize> = [Joints<N>; 3];
 
 /// Kind and type of direction `i` of `svd`, on a copy of the arm moved onto m = 0 by Newton's method.
 ///
@@ -106,9 +106,9 @@ fn lock<const N: usize>(
     let (steps, longest, zero) = NEWTON;
     for _ in 0..steps {
         let m = svd.v[i] * svd.sigma[i];
-        let mut span = Span::orthogonal_to(svd, i);
-        let mut free = [SVector::zeros(); 3];
-        for e in free.iter_mut().take(N - span.count) {
+        let mut span = svd.others(i);
+        let mut free = [Joints::zeros(); 3];
+        for e in free.iter_mut().take(N - span.len()) {
             *e = span.any();
             span.push(*e);
         }
@@ -125,7 +125,7 @@ fn lock<const N: usize>(
         let share = Cholesky::new(gram)
             .ok()?
             .solve(&Vector3::from_fn(|k, _| -m.dot(&free[k])));
-        let step: SVector<f64, N> = (0..3).map(|k| gradients[k] * share[k]).sum();
+        let step: Joints<N> = (0..3).map(|k| gradients[k] * share[k]).sum();
         let step = step * (longest / step.amax().max(longest));
         let (next, by) = screws.moved(&step);
         (screws, p) = (next, p + by);
@@ -140,16 +140,16 @@ fn moves_itself<const N: usize>(
     start: &Arm<N>,
     mut svd: TrackedSvd<N>,
     i: usize,
-    mut direction: SVector<f64, N>,
+    mut direction: Joints<N>,
     length_m: f64,
 ) -> bool {
     let (steps, length) = SELF_MOTION;
     let mut arm = *start;
-    let moved = |(screws, p): &Arm<N>, by: SVector<f64, N>, svd: &mut TrackedSvd<N>| {
+    let moved = |(screws, p): &Arm<N>, by: Joints<N>, svd: &mut TrackedSvd<N>| {
         let (next, gone) = screws.moved(&by);
         let there = (next, p + gone);
         svd.track(&geometry.rows(&there.0, &there.1, length_m));
-        let onwards = Span::orthogonal_to(svd, i).residual(by);
+        let onwards = svd.others(i).residual(by);
         (there, onwards / onwards.norm().max(1e-12))
     };
     for _ in 0..steps {

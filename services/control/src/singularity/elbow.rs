@@ -1,13 +1,12 @@
 //! The elbow of any arm with formulas: measure and Type 1 reference from two lengths and the angle between them.
 
-use super::axes::{frame, unit};
+use super::axes::frame;
 use super::family::Posture;
 use crate::centre::PoseMotion;
-use crate::linear::{linear, stack};
+use crate::linear::{Joints, Vector3, linear, stack, unit};
 use crate::paper::type_1::Fold;
 use crate::types::{Class, Kind, Singularity};
 use model::Terms;
-use nalgebra::{SVector, Vector3};
 
 /// Damping of the feed-forward at the fold, on sin θ.
 const MU: f64 = 0.01;
@@ -17,10 +16,10 @@ const MU: f64 = 0.01;
 /// `zeta` unit, `towards` the second axis of its frame, both in B; `theta` rad from full stretch; `fold` = L2 L3/ρ, m; `row` the gradient of θ.
 #[inline]
 pub(super) fn measure<const N: usize>(
-    (zeta, towards): (&Vector3<f64>, &Vector3<f64>),
+    (zeta, towards): (&Vector3, &Vector3),
     (theta, theta_rate): (f64, f64),
     fold: f64,
-    row: SVector<f64, N>,
+    row: Joints<N>,
 ) -> Singularity<N> {
     let (sin, cos) = libm::sincos(theta);
     Singularity {
@@ -41,7 +40,7 @@ pub(super) fn measure<const N: usize>(
 
 /// cos θ that puts C at the desired place, and its rate (1/s): (|p_d|² − d² − L2² − L3²)/(2 L2 L3), d the share of p along the elbow's axis.
 pub(super) fn cosine(
-    S: &Vector3<f64>,
+    S: &Vector3,
     desired: &PoseMotion,
     lengths: [f64; 2],
     offset: f64,
@@ -69,8 +68,8 @@ pub(super) fn fold(theta: f64, [cos_d, cos_rate]: [f64; 2]) -> Fold {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Bend {
     /// From the shoulder to the elbow, and on to the wrist, m.
-    pub(super) upper: Vector3<f64>,
-    pub(super) forearm: Vector3<f64>,
+    pub(super) upper: Vector3,
+    pub(super) forearm: Vector3,
     /// Their lengths, m.
     pub(super) lengths: [f64; 2],
     /// Angle from full stretch, (−π, π].
@@ -79,8 +78,8 @@ pub(super) struct Bend {
 
 impl Bend {
     /// From the two links in space and the unit axis n.
-    pub(super) fn new(upper: Vector3<f64>, forearm: Vector3<f64>, n: &Vector3<f64>) -> Self {
-        let across = |v: Vector3<f64>| v - n * n.dot(&v);
+    pub(super) fn new(upper: Vector3, forearm: Vector3, n: &Vector3) -> Self {
+        let across = |v: Vector3| v - n * n.dot(&v);
         let (upper, forearm) = (across(upper), across(forearm));
         Self {
             upper,
@@ -96,18 +95,14 @@ impl Bend {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct BetweenCentres {
     /// C − S, m.
-    p: Vector3<f64>,
+    p: Vector3,
     bend: Bend,
     /// p along the elbow's axis, m.
     offset: f64,
 }
 
 impl BetweenCentres {
-    pub(super) fn new<const N: usize>(
-        S: &Vector3<f64>,
-        terms: &Terms<N>,
-        C: &Vector3<f64>,
-    ) -> Self {
+    pub(super) fn new<const N: usize>(S: &Vector3, terms: &Terms<N>, C: &Vector3) -> Self {
         let (n, E) = (terms.z[3], terms.p[3]);
         Self {
             p: C - S,
@@ -134,7 +129,7 @@ impl BetweenCentres {
         )
     }
 
-    pub(super) fn cosine(&self, S: &Vector3<f64>, desired: &PoseMotion) -> [f64; 2] {
+    pub(super) fn cosine(&self, S: &Vector3, desired: &PoseMotion) -> [f64; 2] {
         cosine(S, desired, self.bend.lengths, self.offset)
     }
 }

@@ -12,13 +12,12 @@
 //!
 //! Joints are numbered from 1 in the text and from 0 in the code.
 
-use super::axes::{ROUNDED, frame, in_general_position, meeting, shoulder, unit};
+use super::axes::{ROUNDED, frame, in_general_position, meeting, shoulder};
 use super::elbow::{self, Bend};
 use super::family::Posture;
-use crate::linear::{linear, sign, stack};
+use crate::linear::{Joints, Matrix3, Vector3, Vector6, linear, sign, stack, unit};
 use crate::types::{Class, Kind, Singularity};
 use model::{Robot, Terms};
-use nalgebra::{Matrix3, SVector, Vector3, Vector6};
 use shared_types::MAX_SINGULARITIES;
 use std::f64::consts::FRAC_PI_2;
 
@@ -111,7 +110,7 @@ impl Factors {
         let w = if self.is_spherical { z[3] } else { z[1] };
         let zeta = w.cross(&z[4]);
         let (sin, cos) = (-zeta.dot(&z[5]), w.dot(&z[5]));
-        let aux_row = SVector::<f64, N>::from_fn(|i, _| if i < 4 { w.dot(&z[i]) } else { 0.0 });
+        let aux_row = Joints::<N>::from_fn(|i, _| if i < 4 { w.dot(&z[i]) } else { 0.0 });
         Singularity {
             kind: Kind::Wrist,
             class: Class::Type2,
@@ -211,12 +210,12 @@ fn overhead<const N: usize>(plane: &Plane, at: &Posture<'_, N>) -> Singularity<N
 /// The arm in one posture, seen along n.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Plane {
-    n: Vector3<f64>,
-    z1: Vector3<f64>,
+    n: Vector3,
+    z1: Vector3,
     /// n×z1.
-    x: Vector3<f64>,
+    x: Vector3,
     /// C from the point of axis 1 that is nearest to axis 2, m.
-    C: Vector3<f64>,
+    C: Vector3,
     /// The elbow between axis 2, axis 3 and W.
     bend: Bend,
     /// 1 where joint 3 turns as θ does, −1 where it turns against it.
@@ -224,7 +223,7 @@ struct Plane {
 }
 
 impl Plane {
-    fn of<const N: usize>(factors: Factors, terms: &Terms<N>, C: &Vector3<f64>) -> Self {
+    fn of<const N: usize>(factors: Factors, terms: &Terms<N>, C: &Vector3) -> Self {
         let (p, z1, n) = (&terms.p, terms.z[0], terms.z[1]);
         let W = if factors.is_spherical { *C } else { p[3] };
         Self {

@@ -18,13 +18,12 @@ use super::screws::Screws;
 use super::tracked_svd::TrackedSvd;
 use super::tracker::{TRACKED, Tracker};
 use crate::centre::{AtCentre, PoseMotion};
-use crate::paper::reference::Memory;
+use crate::linear::{Joints, Vector3, Vector6};
+use crate::paper::reference::{Memory, Target};
 use crate::paper::type_1::Fold;
-use crate::paper::type_2::Direction;
 use crate::reference::path::Ahead;
 use crate::types::{Kind, Singularity};
 use model::{Model, Robot, Terms};
-use nalgebra::{SVector, Vector3, Vector6};
 use shared_types::scenario::Analysis;
 use shared_types::{AnalyzerCheckpoint, MAX_SINGULARITIES};
 
@@ -32,23 +31,25 @@ use shared_types::{AnalyzerCheckpoint, MAX_SINGULARITIES};
 #[derive(Clone, Copy, Debug)]
 pub struct Posture<'a, const N: usize> {
     /// Joint positions, rad.
-    pub q: &'a SVector<f64, N>,
+    pub q: &'a Joints<N>,
     /// Joint velocities, rad/s.
-    pub qdot: &'a SVector<f64, N>,
+    pub qdot: &'a Joints<N>,
     /// The model's terms at E.
     pub terms: &'a Terms<N>,
     /// Kinematics at C.
     pub at: &'a AtCentre<N>,
 }
 
-/// The arm and its desired motion at one tick: all that a reference is computed from.
+/// A singularity, the arm and its desired motion at one tick: all that a reference is computed from.
 #[derive(Clone, Copy, Debug)]
 pub struct Situation<'a, const N: usize> {
+    /// The singularity whose reference it is.
+    pub s: &'a Singularity<N>,
     /// Joint positions, rad.
-    pub q: &'a SVector<f64, N>,
+    pub q: &'a Joints<N>,
     /// Joint velocities that the path needs, by the law's own solution, rad/s: a reference's rate follows from them and not from measured ones, whose
     /// noise it would amplify near a singularity.
-    pub qdot_planned: &'a SVector<f64, N>,
+    pub qdot_planned: &'a Joints<N>,
     /// The model's terms.
     pub terms: &'a Terms<N>,
     /// Kinematics at C.
@@ -58,13 +59,11 @@ pub struct Situation<'a, const N: usize> {
     /// The rest of the path's leg.
     pub ahead: &'a Ahead<'a>,
     /// Pose error at C, `[p_d − p; log(R_d Rᵀ)]`.
-    pub error: &'a Vector6<f64>,
+    pub error: &'a Vector6,
     /// Motion at C by which the folds before it will open, `[m; rad]`: at the lock ζ is turned out of its way, too.
-    pub opening: &'a Vector6<f64>,
-    /// Lower joint limits, rad.
-    pub lower: &'a SVector<f64, N>,
-    /// Upper joint limits, rad.
-    pub upper: &'a SVector<f64, N>,
+    pub opening: &'a Vector6,
+    /// The arm's model: its joints' limits.
+    pub model: &'a Model<N>,
     /// Largest auxiliary rate, rad/s.
     pub rate_max: f64,
     /// Whether the clock slows down for a rate that is too large.
@@ -78,7 +77,7 @@ pub struct Situation<'a, const N: usize> {
 enum Form {
     Factors(Factors),
     /// The elbow alone, between the shoulder's centre S (base axes, m) and the wrist's.
-    Elbow(Vector3<f64>),
+    Elbow(Vector3),
     None,
 }
 
@@ -99,7 +98,6 @@ pub struct Family<const N: usize> {
 
 impl<const N: usize> Family<N> {
     /// The singularities of `robot`: by its geometry, else by number, as with `analysis.numeric`.
-    #[must_use]
     pub fn of(robot: &Robot, analysis: &Analysis) -> Self {
         let nothing = Self {
             form: Form::None,
@@ -111,8 +109,8 @@ impl<const N: usize> Family<N> {
             return nothing;
         };
         // Any posture without parallel axes.
-        let q = SVector::from_fn(|i, _| 0.3 + 0.37 * i as f64);
-        let terms = model.evaluate(&q, &SVector::zeros());
+        let q = Joints::from_fn(|i, _| 0.3 + 0.37 * i as f64);
+        let terms = model.evaluate(&q, &Joints::zeros());
         // C's position must not depend on a rotation that the task does not serve: only E itself may then be moved.
         let meets = |tolerance: f64| {
             let turns = robot.task.0[3..].iter().all(|served| *served);
@@ -174,7 +172,7 @@ impl<const N: usize> Family<N> {
             elbow_apart: matches!(self.form, Form::Elbow(_)),
         };
         let C = self.centre(terms);
-        let at = AtCentre::new(terms, &C, &Vector3::zeros());
+        let at = AtCentre::new(terms, &C);
         let arm = (Screws(at.J), C - S.unwrap_or_default());
         let length_m = robot.length_m;
         Some(Tracker::new(
@@ -190,8 +188,7 @@ impl<const N: usize> Family<N> {
     }
 
     /// The point C of the end-effector link at which singularities are analysed. Shape 3; m; frame B.
-    #[must_use]
-    pub fn centre(&self, terms: &Terms<N>) -> Vector3<f64> {
+    pub fn centre(&self, terms: &Terms<N>) -> Vector3 {
         self.offset.map_or(terms.X_BE.p, |offset| {
             terms.p[N - 1] + terms.z[N - 1] * offset
         })
@@ -218,54 +215,38 @@ impl<const N: usize> Family<N> {
     }
 
     /// The coordinate of a Type 1 singularity as the desired pose needs it; `None`: ζ is held. Called for Type 1 only.
-    #[must_use]
-    pub fn fold(&self, s: &Singularity<N>, at: &Situation<'_, N>) -> Option<Fold> {
+    pub fn fold(&self, at: &Situation<'_, N>) -> Option<Fold> {
         match &self.form {
-            Form::Elbow(S) if s.kind == Kind::Elbow => {
+            Form::Elbow(S) if at.s.kind == Kind::Elbow => {
                 let cosine = BetweenCentres::new(S, at.terms, &at.at.p).cosine(S, at.desired);
-                Some(elbow::fold(s.aux, cosine))
+                Some(elbow::fold(at.s.aux, cosine))
             }
-            Form::Factors(_) => reference::fold(s, at, reference::GEOMETRY_DAMPING),
-            _ => reference::fold(s, at, reference::FOLD_DAMPING),
+            Form::Factors(_) => at.fold(reference::GEOMETRY_DAMPING),
+            _ => at.fold(reference::FOLD_DAMPING),
         }
     }
 
-    /// The side to which the arm changes at a fold, −1 or +1, where its own `side` has no room; 0: it keeps it.
-    #[must_use]
-    pub fn roomier(&self, s: &Singularity<N>, at: &Situation<'_, N>, side: f64) -> i32 {
-        reference::roomier(s, at, side)
-    }
-
     /// The direction of ζ that the desired motion needs; `None`: ζ is held. Called for Type 2 and mixed only.
-    #[must_use]
-    pub fn direction(
-        &self,
-        s: &Singularity<N>,
-        at: &Situation<'_, N>,
-        memory: &mut Memory,
-    ) -> Option<Direction> {
+    pub fn direction(&self, at: &Situation<'_, N>, memory: &mut Memory) -> Option<Target> {
         if self.measures_vectors() {
-            reference::direction(s, at, self.length_m, memory)
+            at.direction(self.length_m, memory)
         } else {
-            reference::signed(s, at, self.length_m, memory)
+            at.signed(self.length_m, memory)
         }
     }
 
     /// Whether no formula gives any of them.
-    #[must_use]
     pub fn is_tracked(&self) -> bool {
         matches!(self.form, Form::None) && self.tracker.is_some()
     }
 
     /// Whether the measures are vectors: with spare joints, where singularities have codimension two or more.
-    #[must_use]
     pub fn measures_vectors(&self) -> bool {
         (self.tracker.as_ref()).is_some_and(Tracker::measures_vectors)
     }
 
     /// The first place of the report from which on the singularities have codimension two or more: a self-motion leads around them, and the null
     /// space is driven away from them.
-    #[must_use]
     pub fn first_of_higher_codimension(&self) -> Option<usize> {
         let tracker = self.tracker.as_ref().filter(|one| one.measures_vectors());
         tracker.map(|_| usize::from(matches!(self.form, Form::Elbow(_))))
@@ -298,7 +279,7 @@ impl Form {
                 .filter(|_| spherical && N == 7)
                 .map(|offset| (S, offset))
         };
-        let same = |one: &(Vector3<f64>, f64), two: &(Vector3<f64>, f64)| {
+        let same = |one: &(Vector3, f64), two: &(Vector3, f64)| {
             (one.0 - two.0).norm() < EXACT && (one.1 - two.1).abs() < EXACT
         };
         in_general_position(robot, centres, same).map_or(Self::None, |(S, _)| Self::Elbow(S))

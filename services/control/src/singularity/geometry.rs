@@ -1,10 +1,8 @@
 //! What the geometry of an arm tells the tracker: the rows whose rank is watched, and the names of singular postures.
 
 use super::screws::Screws;
-use super::tracked_svd::TrackedSvd;
-use crate::linear::{angular, linear, stack};
+use crate::linear::{Jacobian, Vector3, Vector6, angular, linear, stack};
 use crate::types::Kind;
-use nalgebra::{SMatrix, SVector, Vector3};
 
 /// Sine, or share of a length, below which a geometric condition holds at a projected posture.
 const HOLDS: f64 = 1e-4;
@@ -13,7 +11,7 @@ const HOLDS: f64 = 1e-4;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Geometry {
     /// Where axes 1 to 3 meet, base axes, m.
-    pub(super) S: Option<Vector3<f64>>,
+    pub(super) S: Option<Vector3>,
     /// Whether the elbow has a formula of its own: the translation along C − S is then replaced by joint 4.
     pub(super) elbow_apart: bool,
 }
@@ -23,9 +21,9 @@ impl Geometry {
     pub(super) fn rows<const N: usize>(
         &self,
         screws: &Screws<N>,
-        p: &Vector3<f64>,
+        p: &Vector3,
         length_m: f64,
-    ) -> SMatrix<f64, 6, N> {
+    ) -> Jacobian<N> {
         let mut rows = screws.scaled(length_m);
         if self.elbow_apart && N > 3 {
             let along = p / p.norm().max(1e-9);
@@ -43,7 +41,7 @@ impl Geometry {
     /// u without its share along C − S, which the elbow's formula measures.
     ///
     /// Shapes u 6, scaled rows · Frame base axes · Requires `p` = C − S, m · Errors none: u where the elbow has no formula of its own
-    pub(super) fn without_elbow(&self, u: SVector<f64, 6>, p: &Vector3<f64>) -> SVector<f64, 6> {
+    pub(super) fn without_elbow(&self, u: Vector6, p: &Vector3) -> Vector6 {
         if !self.elbow_apart {
             return u;
         }
@@ -56,7 +54,7 @@ impl Geometry {
     pub(super) fn turning<const N: usize>(
         &self,
         screws: &Screws<N>,
-        p: &Vector3<f64>,
+        p: &Vector3,
         [u, v, qdot]: [&[f64]; 3],
         length_m: f64,
     ) -> f64 {
@@ -64,9 +62,7 @@ impl Geometry {
             return 0.0;
         }
         let (length, velocity) = (p.norm().max(1e-9), |y: &[f64]| {
-            (0..N)
-                .map(|j| screws.column(j).0 * y[j])
-                .sum::<Vector3<f64>>()
+            (0..N).map(|j| screws.column(j).0 * y[j]).sum::<Vector3>()
         });
         let along = p / length;
         let C = velocity(qdot);
@@ -78,7 +74,7 @@ impl Geometry {
     /// The name of the singular set in which a posture lies, and the one for a second direction that is lost there.
     ///
     /// Elbow: joint 4 does not change the distance from S to where axes 5 and 6 meet. Shoulder: axes 1 and 3 are parallel. Else the wrist.
-    pub(super) fn names<const N: usize>(&self, screws: &Screws<N>, p: &Vector3<f64>) -> [Kind; 2] {
+    pub(super) fn names<const N: usize>(&self, screws: &Screws<N>, p: &Vector3) -> [Kind; 2] {
         if self.S.is_none() || N != 7 {
             return [Kind::Numeric; 2];
         }
@@ -106,65 +102,5 @@ impl Geometry {
         } else {
             [other, Kind::Wrist]
         }
-    }
-}
-
-/// A few orthonormal directions in joint space.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Span<const N: usize> {
-    pub(super) vectors: [SVector<f64, N>; N],
-    pub(super) count: usize,
-}
-
-impl<const N: usize> Span<N> {
-    /// The joints that the arm does not have: their columns of J are zero, and no motion of theirs counts.
-    pub(super) fn of_absent(block: &TrackedSvd<N>) -> Self {
-        let mut span = Self {
-            vectors: [SVector::zeros(); N],
-            count: 0,
-        };
-        for k in (0..N).filter(|k| !block.has_column(*k)) {
-            span.push(super::axes::unit(k));
-        }
-        span
-    }
-
-    /// The directions orthogonal to Π of direction `i`.
-    pub(super) fn orthogonal_to(svd: &TrackedSvd<N>, i: usize) -> Self {
-        let mut span = Self::of_absent(svd);
-        for j in (0..svd.count).filter(|j| *j != i) {
-            span.push(svd.v[j]);
-        }
-        span
-    }
-
-    pub(super) fn residual(&self, mut v: SVector<f64, N>) -> SVector<f64, N> {
-        for b in &self.vectors[..self.count] {
-            v -= b * b.dot(&v);
-        }
-        v
-    }
-
-    pub(super) fn push(&mut self, v: SVector<f64, N>) {
-        if self.count < N {
-            self.vectors[self.count] = v;
-            self.count += 1;
-        }
-    }
-
-    /// The unit vector orthogonal to all that has most of one joint; shorter, down to zeros, where the vectors leave none.
-    pub(super) fn any(&self) -> SVector<f64, N> {
-        // Of an orthonormal span: what it leaves of joint k has the square 1 − Σ b_k².
-        let (mut best, mut most) = (SVector::<f64, N>::zeros(), 0.0);
-        for k in 0..N {
-            let spanned = self.vectors[..self.count].iter().map(|b| b[k] * b[k]);
-            let square = 1.0 - spanned.sum::<f64>();
-            if square > most + 1e-9 {
-                (best, most) = (super::axes::unit(k), square);
-            }
-        }
-        let best = self.residual(best);
-        let rest = self.residual(best / best.norm().max(1e-12));
-        rest / rest.norm().max(1e-9)
     }
 }

@@ -22,7 +22,7 @@ mod elbow;
 mod factors;
 pub mod family;
 mod geometry;
-pub(crate) mod reference;
+mod reference;
 pub mod screws;
 mod tracked_svd;
 mod tracker;

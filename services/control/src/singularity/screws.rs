@@ -1,14 +1,16 @@
 //! An arm in one posture as screws: its joints can be moved without the model.
 
-use crate::linear::{angular, linear, rotation_exp, stack};
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use crate::linear::{
+    Jacobian, Joints, Matrix3, Vector3, Vector6, angular, linear, rotation_exp, stack,
+};
+use nalgebra::SMatrix;
 
 /// The joints of an arm in one posture as screws [v; ω] at C, base axes: the columns of its Jacobian there.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Screws<const N: usize>(pub SMatrix<f64, 6, N>);
+pub struct Screws<const N: usize>(pub Jacobian<N>);
 
 impl<const N: usize> Screws<N> {
-    pub(super) fn column(&self, j: usize) -> (Vector3<f64>, Vector3<f64>) {
+    pub(super) fn column(&self, j: usize) -> (Vector3, Vector3) {
         let c = self.0.column(j).into_owned();
         (linear(&c), angular(&c))
     }
@@ -17,7 +19,7 @@ impl<const N: usize> Screws<N> {
     ///
     /// S_j' = Ad(e^{S_1 δ_1}…e^{S_{j−1} δ_{j−1}})·S_j, then carried to where C has gone.
     #[must_use]
-    pub fn moved(&self, delta: &SVector<f64, N>) -> (Self, Vector3<f64>) {
+    pub fn moved(&self, delta: &Joints<N>) -> (Self, Vector3) {
         let (mut R, mut p) = (Matrix3::identity(), Vector3::zeros());
         let mut out = *self;
         for j in 0..N {
@@ -46,8 +48,7 @@ impl<const N: usize> Screws<N> {
     /// Q with Q_jk = a·∂J_j/∂q_k, in closed form.
     ///
     /// ∂J_j/∂q_k = [ω_k×v_j; ω_k×ω_j] for k ≤ j, [ω_j×v_k; 0] for k > j. Shape N×N; `a` a covector [linear; angular] at C.
-    #[must_use]
-    pub fn hessian(&self, a: &SVector<f64, 6>) -> SMatrix<f64, N, N> {
+    pub fn hessian(&self, a: &Vector6) -> SMatrix<f64, N, N> {
         let (force, torque) = (linear(a), angular(a));
         let mut axes = [Vector3::zeros(); N];
         let mut inward = [Vector3::zeros(); N];
@@ -68,11 +69,10 @@ impl<const N: usize> Screws<N> {
     }
 
     /// J̇ along the joint motion `qdot`.
-    #[must_use]
-    pub fn rate(&self, qdot: &SVector<f64, N>) -> SMatrix<f64, 6, N> {
-        let mut out = SMatrix::<f64, 6, N>::zeros();
+    pub fn rate(&self, qdot: &Joints<N>) -> Jacobian<N> {
+        let mut out = Jacobian::<N>::zeros();
         let mut beyond = Vector3::zeros();
-        let mut omega: Vector3<f64> = (0..N).map(|k| self.column(k).1 * qdot[k]).sum();
+        let mut omega: Vector3 = (0..N).map(|k| self.column(k).1 * qdot[k]).sum();
         for j in (0..N).rev() {
             let (v, w) = self.column(j);
             out.set_column(
@@ -87,7 +87,7 @@ impl<const N: usize> Screws<N> {
 
     /// The Jacobian with its linear rows divided by `length_m`.
     #[must_use]
-    pub fn scaled(&self, length_m: f64) -> SMatrix<f64, 6, N> {
+    pub fn scaled(&self, length_m: f64) -> Jacobian<N> {
         let mut J = self.0;
         J.fixed_rows_mut::<3>(0).scale_mut(1.0 / length_m);
         J

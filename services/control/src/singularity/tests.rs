@@ -1,18 +1,18 @@
 //! Properties of the singularities of every arm, by formula and by number.
 
 use super::classify::FOLD;
-use super::geometry::Span;
 use super::screws::Screws;
 use super::turning::turning;
 use crate::centre::AtCentre;
-use crate::law::Engaged;
-use crate::linear::{angular, linear, symmetric_eigen, wrap_angle};
-use crate::paper::singular_frame::{Basis, orthogonal_rows};
+use crate::linear::{
+    Basis, Jacobian, Joints, Matrix3, Vector3, Vector6, half_of, symmetric_eigen, wrap_angle,
+};
+use crate::paper::singular_frame::orthogonal_rows;
 use crate::singularity::analyzer::{Analyzer, RANK_TOLERANCE};
-use crate::testing::{PumaLengths, puma_lengths};
+use crate::testing::puma_lengths;
 use crate::types::{Class, Kind, Report, Singularity};
 use model::{Model, Robot, RobotText};
-use nalgebra::{DMatrix, Matrix3, SMatrix, SVector, Vector3, Vector6};
+use nalgebra::{DMatrix, SMatrix};
 use proptest::prelude::*;
 use proptest::strategy::ValueTree;
 use proptest::test_runner::TestRunner;
@@ -48,20 +48,15 @@ impl<const N: usize> Arm<N> {
         }
     }
 
-    fn step(
-        &self,
-        analyzer: &mut Analyzer<N>,
-        q: &SVector<f64, N>,
-        qdot: &SVector<f64, N>,
-    ) -> Report<N> {
+    fn step(&self, analyzer: &mut Analyzer<N>, q: &Joints<N>, qdot: &Joints<N>) -> Report<N> {
         analyzer.step(q, qdot, &self.model.evaluate(q, qdot))
     }
 
-    fn at(&self, q: &SVector<f64, N>) -> Report<N> {
-        self.step(&mut self.fresh.clone(), q, &SVector::zeros())
+    fn at(&self, q: &Joints<N>) -> Report<N> {
+        self.step(&mut self.fresh.clone(), q, &Joints::zeros())
     }
 
-    fn moving(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>) -> Report<N> {
+    fn moving(&self, q: &Joints<N>, qdot: &Joints<N>) -> Report<N> {
         self.step(&mut self.fresh.clone(), q, qdot)
     }
 
@@ -71,28 +66,20 @@ impl<const N: usize> Arm<N> {
         first.is_some_and(|first| place >= first)
     }
 
-    fn posture(&self, random: &mut Uniform) -> SVector<f64, N> {
+    fn posture(&self, random: &mut Uniform) -> Joints<N> {
         let (lower, upper) = (self.model.lower(), self.model.upper());
-        SVector::from_fn(|i, _| random.within(lower[i].max(-3.1), upper[i].min(3.1)))
+        Joints::from_fn(|i, _| random.within(lower[i].max(-3.1), upper[i].min(3.1)))
     }
 }
 
-fn vector<const N: usize>(random: &mut Uniform, size: f64) -> SVector<f64, N> {
-    SVector::from_fn(|_, _| random.within(-size, size))
+fn vector<const N: usize>(random: &mut Uniform, size: f64) -> Joints<N> {
+    Joints::from_fn(|_, _| random.within(-size, size))
 }
 
 /// Rows of a 6-axis task, as a law would keep them beside the auxiliary rows of `engaged`.
-fn kept<const N: usize>(engaged: &[&Singularity<N>]) -> Vec<Vector6<f64>> {
-    let active = |s: &&Singularity<N>| Engaged {
-        zeta_B: s.zeta_B,
-        gain: s.gain,
-        beta: 0.0,
-        aux_row: s.aux_row,
-        aux_acceleration: 0.0,
-        aux_rate: 0.0,
-    };
-    let engaged: Vec<_> = engaged.iter().map(active).collect();
-    orthogonal_rows(&[true; 6], &engaged).unwrap().to_vec()
+fn kept<const N: usize>(engaged: &[&Singularity<N>]) -> Vec<Vector6> {
+    let zetas = engaged.iter().map(|s| s.zeta_B);
+    orthogonal_rows::<N>(&[true; 6], zetas).unwrap().to_vec()
 }
 
 fn finite<const N: usize>(report: &Report<N>) {
@@ -122,7 +109,7 @@ fn guarantees<const N: usize>(arm: &Arm<N>) {
         let [before, now, after] = [-h, 0.0, h].map(|h| arm.moving(&(q + qdot * h), &qdot));
         let at = {
             let terms = arm.model.evaluate(&q, &qdot);
-            AtCentre::new(&terms, &now.p_BC, &terms.omega[N - 1])
+            AtCentre::new(&terms, &now.p_BC)
         };
         for (i, s) in now.listed().iter().enumerate() {
             let (a, b) = (&before.singularities[i], &after.singularities[i]);
@@ -185,7 +172,7 @@ fn beside_another_lost_direction_a_row_turns_as_its_bias_says() {
     let arm = Arm::<6>::new("puma560", true);
     let (mut random, mut tested, h) = (Uniform(5), 0, 1e-5);
     for k in 0..400 {
-        let q = SVector::from([0.3, -2.0 + 0.003 * f64::from(k), 1.60, 0.4, 0.8, 0.1]);
+        let q = Joints::from([0.3, -2.0 + 0.003 * f64::from(k), 1.60, 0.4, 0.8, 0.1]);
         let qdot = vector(&mut random, 1.0);
         let mut analyzer = arm.fresh.clone();
         let now = arm.step(&mut analyzer, &q, &qdot);
@@ -285,10 +272,10 @@ fn the_determinant_of_six_joints_is_the_product_of_the_factors() {
 }
 
 /// JJᵀ, lengths divided by `length_m`: its smallest eigenvalue's root, and the gradient of that.
-fn smallest<const N: usize>(J: &SMatrix<f64, 6, N>, length_m: f64) -> (f64, SVector<f64, N>) {
+fn smallest<const N: usize>(J: &Jacobian<N>, length_m: f64) -> (f64, Joints<N>) {
     let scaled = Screws(*J).scaled(length_m);
     let (values, vectors) = symmetric_eigen(&(scaled * scaled.transpose()));
-    let mut u: Vector6<f64> = vectors.column(values.imin()).into_owned();
+    let mut u: Vector6 = vectors.column(values.imin()).into_owned();
     let row = scaled.tr_mul(&u);
     u.fixed_rows_mut::<3>(0).scale_mut(1.0 / length_m);
     let gradient = Screws(*J).hessian(&u).tr_mul(&row) / row.norm().max(1e-300);
@@ -296,9 +283,9 @@ fn smallest<const N: usize>(J: &SMatrix<f64, 6, N>, length_m: f64) -> (f64, SVec
 }
 
 /// A posture within the limits with σ_min below 1e-7, downhill from a random one; `None` where the way down ends elsewhere.
-fn minimum<const N: usize>(arm: &Arm<N>, random: &mut Uniform) -> Option<SVector<f64, N>> {
+fn minimum<const N: usize>(arm: &Arm<N>, random: &mut Uniform) -> Option<Joints<N>> {
     let mut q = arm.posture(random);
-    let value = |q: &SVector<f64, N>| smallest(&arm.model.jacobian(q), arm.robot.length_m);
+    let value = |q: &Joints<N>| smallest(&arm.model.jacobian(q), arm.robot.length_m);
     let (mut sigma, mut gradient) = value(&q);
     for _ in 0..200 {
         if sigma < 1e-7 {
@@ -310,8 +297,7 @@ fn minimum<const N: usize>(arm: &Arm<N>, random: &mut Uniform) -> Option<SVector
         let next = (0..12).find_map(|k| {
             let next = q + step * 0.5_f64.powi(k);
             let (lower, upper) = (arm.model.lower(), arm.model.upper());
-            let next =
-                SVector::from_fn(|i, _| next[i].clamp(lower[i].max(-3.1), upper[i].min(3.1)));
+            let next = Joints::from_fn(|i, _| next[i].clamp(lower[i].max(-3.1), upper[i].min(3.1)));
             let (value, gradient) = value(&next);
             (value < sigma).then_some((next, value, gradient))
         });
@@ -321,9 +307,9 @@ fn minimum<const N: usize>(arm: &Arm<N>, random: &mut Uniform) -> Option<SVector
 }
 
 /// The rank that is lost is what is listed inside, no two ζ are one, and the auxiliary rows in place of theirs make J regular.
-fn explained<const N: usize>(arm: &Arm<N>, q: &SVector<f64, N>, report: &Report<N>) {
-    let terms = arm.model.evaluate(q, &SVector::zeros());
-    let at = AtCentre::new(&terms, &report.p_BC, &terms.omega[N - 1]);
+fn explained<const N: usize>(arm: &Arm<N>, q: &Joints<N>, report: &Report<N>) {
+    let terms = arm.model.evaluate(q, &Joints::zeros());
+    let at = AtCentre::new(&terms, &report.p_BC);
     let inside: Vec<_> = report.listed().iter().filter(|s| s.inside).collect();
     let scaled = Screws(at.J).scaled(arm.robot.length_m);
     let sigma = DMatrix::from_column_slice(6, N, scaled.as_slice()).singular_values();
@@ -340,22 +326,18 @@ fn explained<const N: usize>(arm: &Arm<N>, q: &SVector<f64, N>, report: &Report<
     let (values, vectors) = symmetric_eigen(&(scaled * scaled.transpose()));
     for i in (0..6).filter(|i| values[*i] < 1e-10) {
         let u = vectors.column(i).into_owned();
-        let half = |s: &Singularity<N>| if s.angular { angular(&u) } else { linear(&u) };
+        let half = |s: &Singularity<N>| half_of(&u, s.angular);
         let share: f64 = inside.iter().map(|s| half(s).dot(&s.axis()).powi(2)).sum();
         assert!(share > 1e-3, "no ζ has a share in {u} at {q}: {inside:?}");
     }
     for is_angular in [false, true] {
         let mut basis = Basis::<3>::empty();
         for s in inside.iter().filter(|s| s.angular == is_angular) {
-            let count = basis.count();
-            basis.add(s.axis());
-            assert!(
-                basis.count() > count,
-                "two ζ are the same at {q}: {inside:?}"
-            );
+            let is_new = basis.add(s.axis());
+            assert!(is_new, "two ζ are the same at {q}: {inside:?}");
         }
     }
-    let mut rows: Vec<SVector<f64, N>> = inside.iter().map(|s| s.aux_row.normalize()).collect();
+    let mut rows: Vec<Joints<N>> = inside.iter().map(|s| s.aux_row.normalize()).collect();
     rows.extend(kept(&inside).iter().map(|e| scaled.tr_mul(e)));
     let gram = SMatrix::<f64, 6, 6>::from_fn(|i, j| rows[i].dot(&rows[j]));
     let least = symmetric_eigen(&gram).0.min().max(0.0).sqrt();
@@ -364,7 +346,7 @@ fn explained<const N: usize>(arm: &Arm<N>, q: &SVector<f64, N>, report: &Report<
 
 /// The guard on lost directions: σ_min is minimised from random starts, and what it finds must be listed, by a new analyzer and by a tracked one.
 fn minima<const N: usize>(name: &str) -> Vec<(Kind, Class)> {
-    let (arm, zero, mut random) = (Arm::<N>::new(name, false), SVector::zeros(), Uniform(17));
+    let (arm, zero, mut random) = (Arm::<N>::new(name, false), Joints::zeros(), Uniform(17));
     let (mut listed, mut found) = (vec![], 0);
     while found < 150 {
         let Some(q) = minimum(&arm, &mut random) else {
@@ -400,7 +382,7 @@ fn every_lost_direction_is_listed_named_and_typed() {
         assert!(listed.iter().all(|one| one.1 != Class::Unknown), "{name}");
         assert!(name == "iiwa14" || listed.iter().all(|one| one.0 != Kind::Numeric));
         // Names and types stand off the singularities too.
-        let q = SVector::from([0.2, 0.5, -0.3, -1.6, 0.4, 1.6, 0.3]);
+        let q = Joints::from([0.2, 0.5, -0.3, -1.6, 0.4, 1.6, 0.3]);
         let report = Arm::<7>::new(name, false).at(&q);
         let first = usize::from(name == "iiwa14");
         let kinds: Vec<_> = report.listed()[first..].iter().map(|s| s.kind).collect();
@@ -412,10 +394,10 @@ fn every_lost_direction_is_listed_named_and_typed() {
 }
 
 /// In-plane radius of C from the waist axis over its largest value made `near` by joint 2: R = A cos q2 + B sin q2.
-fn overhead(arm: &Arm<6>, q: &mut SVector<f64, 6>, near: f64) {
+fn overhead(arm: &Arm<6>, q: &mut Joints<6>, near: f64) {
     let mut radius = |q2: f64| {
         q[1] = q2;
-        let terms = arm.model.evaluate(q, &SVector::zeros());
+        let terms = arm.model.evaluate(q, &Joints::zeros());
         let C = arm.fresh.family().centre(&terms);
         terms.z[1].cross(&terms.z[0]).dot(&(C - terms.p[0]))
     };
@@ -427,7 +409,7 @@ fn overhead(arm: &Arm<6>, q: &mut SVector<f64, 6>, near: f64) {
 fn by_number<const N: usize>(
     name: &str,
     place: usize,
-    mut draw: impl FnMut(&Arm<N>, &mut Uniform, f64) -> SVector<f64, N>,
+    mut draw: impl FnMut(&Arm<N>, &mut Uniform, f64) -> Joints<N>,
 ) -> Vec<(Singularity<N>, Singularity<N>)> {
     let [formula, number] = [false, true].map(|numeric| Arm::<N>::new(name, numeric));
     let (mut random, mut out) = (Uniform(17), vec![]);
@@ -512,7 +494,7 @@ fn the_number_finds_what_the_formulas_say() {
 /// Along a straight line in joint space s never steps by more than J does, and inside a neighbourhood ζ turns by no more than its gap to the others
 /// allows. Whether it is so.
 fn is_continuous<const N: usize>(arm: &Arm<N>, ends: &[[f64; 7]; 2]) -> bool {
-    let [a, b] = ends.map(|end| SVector::<f64, N>::from_fn(|i, _| end[i]));
+    let [a, b] = ends.map(|end| Joints::<N>::from_fn(|i, _| end[i]));
     let (mut analyzer, qdot) = (arm.fresh.clone(), (b - a) / (b - a).amax().max(1e-3));
     let mut last: Option<Report<N>> = None;
     (0..1000).all(|k| {
@@ -603,7 +585,7 @@ fn near_directions_are_the_same_where_far_ones_have_no_name() {
             let q = arm.posture(&mut random);
             let (all, some) = (
                 arm.at(&q),
-                arm.step(&mut unnamed.clone(), &q, &SVector::zeros()),
+                arm.step(&mut unnamed.clone(), &q, &Joints::zeros()),
             );
             let places = some.singularities.iter().zip(&all.singularities);
             for (place, (one, named)) in places.take(all.count).enumerate() {
@@ -625,24 +607,21 @@ fn screws_are_the_models_kinematics() {
     for _ in 0..100 {
         let (q, qdot) = (vector(&mut random, 3.0), vector::<6>(&mut random, 1.0));
         let (a, h) = (vector::<6>(&mut random, 1.0), 1e-5);
-        let J = |q: &SVector<f64, 6>| arm.model.jacobian(q);
+        let J = |q: &Joints<6>| arm.model.jacobian(q);
         let screws = Screws(J(&q));
         let rate = (J(&(q + qdot * h)) - J(&(q - qdot * h))) / (2.0 * h);
         assert!((screws.rate(&qdot) - rate).amax() < 1e-8);
         assert!((screws.hessian(&a) * qdot - rate.tr_mul(&a)).amax() < 1e-8);
         let (moved, p) = screws.moved(&qdot);
         assert!((moved.0 - J(&(q + qdot))).amax() < 1e-12);
-        let place = |q: &SVector<f64, 6>| arm.model.forward_kinematics(q).p;
+        let place = |q: &Joints<6>| arm.model.forward_kinematics(q).p;
         assert!((p - (place(&(q + qdot)) - place(&q))).norm() < 1e-12);
     }
 }
 
 #[test]
 fn directions_that_leave_no_other_have_no_nan() {
-    let mut span = Span {
-        vectors: [SVector::<f64, 6>::zeros(); 6],
-        count: 0,
-    };
+    let mut span = Basis::<6>::empty();
     for _ in 0..6 {
         assert!((span.any().norm() - 1.0).abs() < 1e-12);
         span.push(span.any());
@@ -652,7 +631,7 @@ fn directions_that_leave_no_other_have_no_nan() {
 
 /// At a lock, the predicted motion leaves the end-effector where it is, whole, and turns ζ by the angle.
 fn predicted<const N: usize>(name: &str, place: usize, q: [f64; N], angle: f64) {
-    let (arm, q) = (Arm::<N>::new(name, false), SVector::from(q));
+    let (arm, q) = (Arm::<N>::new(name, false), Joints::from(q));
     let one = arm.at(&q).singularities[place];
     assert!(one.s.abs() < 1e-9, "{name}: {one:?}");
     let by = turning(arm.fresh.family(), &arm.model, &q, &one, angle).unwrap();
@@ -662,21 +641,15 @@ fn predicted<const N: usize>(name: &str, place: usize, q: [f64; N], angle: f64) 
         "{name}: {by}"
     );
     let zeta = arm.at(&(q + by)).singularities[place].axis();
-    let about: Vector3<f64> = one.R_BS.column(1).into_owned();
+    let about: Vector3 = one.R_BS.column(1).into_owned();
     let turned = libm::atan2(about.dot(&one.axis().cross(&zeta)), one.axis().dot(&zeta));
     assert!(wrap_angle(turned - angle).abs() < 1e-9, "{name}: {turned}");
 }
 
 #[test]
 fn the_predicted_motion_keeps_the_hand_still_and_turns_zeta() {
-    // Straight up with the elbow bent: R = 0 at q2 = atan2(−K, M).
-    let PumaLengths {
-        a2,
-        L3,
-        q3_stretched,
-    } = puma_lengths("puma560-ideal");
-    let theta = 2.6 - q3_stretched;
-    let q2 = libm::atan2(-(a2 + L3 * libm::cos(theta)), -L3 * libm::sin(theta));
+    // Straight up with the elbow bent.
+    let q2 = puma_lengths("puma560-ideal").overhead(2.6);
     for angle in [-1.2, 0.4, 1.5] {
         predicted("puma560", 1, [0.3, -1.0, 2.9, 0.2, 0.0, 0.1], angle);
         predicted("ur5", 1, [0.3, -1.2, 1.6, -1.0, 0.0, 0.2], angle);
@@ -686,7 +659,7 @@ fn the_predicted_motion_keeps_the_hand_still_and_turns_zeta() {
     let by = {
         let (arm, q) = (
             Arm::<6>::new("puma560", false),
-            SVector::from([0.3, -1.0, 2.9, 0.2, 0.0, 0.1]),
+            Joints::from([0.3, -1.0, 2.9, 0.2, 0.0, 0.1]),
         );
         let one = arm.at(&q).singularities[1];
         turning(arm.fresh.family(), &arm.model, &q, &one, FRAC_PI_2).unwrap()

@@ -5,9 +5,9 @@
 )]
 
 use super::tracker::unscaled;
-use crate::linear::one_sided_jacobi;
+use crate::linear::{Basis, Jacobian, Joints, Vector6, one_sided_jacobi, unit};
 use model::{joints, padded};
-use nalgebra::{SMatrix, SVector, Vector6};
+use nalgebra::SMatrix;
 use shared_types::checkpoints::BlockCheckpoint;
 
 /// Damping of squared singular values, unit-scaled, where two of them cross: σ = 0.01 is far below any in the arm's regular postures.
@@ -26,7 +26,7 @@ pub(super) struct TrackedSvd<const N: usize> {
     columns: (usize, usize),
     /// u_i, on this block's rows.
     pub(super) U: [[f64; 6]; 6],
-    pub(super) v: [SVector<f64, N>; 6],
+    pub(super) v: [Joints<N>; 6],
     pub(super) sigma: [f64; 6],
     pub(super) begun: bool,
 }
@@ -38,7 +38,7 @@ impl<const N: usize> TrackedSvd<N> {
             count: 0,
             columns,
             U: std::array::from_fn(|i| std::array::from_fn(|k| if i == k { 1.0 } else { 0.0 })),
-            v: [SVector::zeros(); 6],
+            v: [Joints::zeros(); 6],
             sigma: [0.0; 6],
             begun: false,
         };
@@ -59,8 +59,26 @@ impl<const N: usize> TrackedSvd<N> {
         (self.columns.0..self.columns.1).contains(&k)
     }
 
+    /// The joints that the arm does not have: their columns of J are zero, and no motion of theirs counts.
+    pub(super) fn absent(&self) -> Basis<N> {
+        let mut absent = Basis::empty();
+        for k in (0..N).filter(|k| !self.has_column(*k)) {
+            absent.push(unit(k));
+        }
+        absent
+    }
+
+    /// The directions orthogonal to Π of direction `i`.
+    pub(super) fn others(&self, i: usize) -> Basis<N> {
+        let mut others = self.absent();
+        for j in (0..self.count).filter(|j| *j != i) {
+            others.push(self.v[j]);
+        }
+        others
+    }
+
     /// u_i on all six rows, scaled.
-    pub(super) fn covector(&self, i: usize) -> Vector6<f64> {
+    pub(super) fn covector(&self, i: usize) -> Vector6 {
         let mut u = Vector6::zeros();
         for k in 0..self.count {
             u[self.rows[k]] = self.U[i][k];
@@ -71,12 +89,7 @@ impl<const N: usize> TrackedSvd<N> {
     /// The left vector a with aᵀB = (σ_i/slope)·∇sᵀ: at a fold, what is orthogonal to every motion that leaves s alone, where u_i is so at s = 0 only.
     ///
     /// a = u_i + Σ_j u_j (σ_i/σ_j)(v_jᵀ∇s)/(v_iᵀ∇s), bounded where σ_j vanishes too. On scaled rows.
-    pub(super) fn along_fold(
-        &self,
-        i: usize,
-        gradient: &SVector<f64, N>,
-        slope: f64,
-    ) -> Vector6<f64> {
+    pub(super) fn along_fold(&self, i: usize, gradient: &Joints<N>, slope: f64) -> Vector6 {
         let mut a = self.covector(i);
         for j in (0..self.count).filter(|j| *j != i) {
             let sigma = self.sigma[j];
@@ -89,12 +102,7 @@ impl<const N: usize> TrackedSvd<N> {
     }
 
     /// How fast u_i turns while J changes by `Jdot`: u̇_i = Σ_j u_j (σ_j M_ij + σ_i M_ji)/(σ_i² − σ_j²), M = UᵀḂV, bounded where two values cross.
-    pub(super) fn turning(
-        &self,
-        Jdot: &SMatrix<f64, 6, N>,
-        i: usize,
-        length_m: f64,
-    ) -> Vector6<f64> {
+    pub(super) fn turning(&self, Jdot: &Jacobian<N>, i: usize, length_m: f64) -> Vector6 {
         let pushed = |i: usize| Jdot.tr_mul(&unscaled(&self.covector(i), length_m));
         let (own, mut rate) = (pushed(i), Vector6::zeros());
         for j in (0..self.count).filter(|j| *j != i) {
@@ -110,16 +118,16 @@ impl<const N: usize> TrackedSvd<N> {
     ///
     /// One-sided Jacobi rotations of the rows UᵀB, begun with the U of before: each at most a quarter turn, so every u_i stays the one it was, and
     /// values that cross keep their directions. One or two sweeps near by.
-    pub(super) fn track(&mut self, scaled: &SMatrix<f64, 6, N>) {
+    pub(super) fn track(&mut self, scaled: &Jacobian<N>) {
         let n = self.count;
         self.orthonormalise();
-        let B: [SVector<f64, N>; 6] = std::array::from_fn(|k| {
-            SVector::from_fn(|c, _| match k < n && self.has_column(c) {
+        let B: [Joints<N>; 6] = std::array::from_fn(|k| {
+            Joints::from_fn(|c, _| match k < n && self.has_column(c) {
                 true => scaled[(self.rows[k], c)],
                 false => 0.0,
             })
         });
-        let mut X = [SVector::<f64, N>::zeros(); 6];
+        let mut X = [Joints::<N>::zeros(); 6];
         let mut scale = 0.0_f64;
         for i in 0..n {
             for k in 0..n {
@@ -141,7 +149,7 @@ impl<const N: usize> TrackedSvd<N> {
     }
 
     /// v and σ from the rows X_i = σ_i v_iᵀ.
-    fn signed(&mut self, X: &[SVector<f64, N>; 6], scaled: &SMatrix<f64, 6, N>) {
+    fn signed(&mut self, X: &[Joints<N>; 6], scaled: &Jacobian<N>) {
         let n = self.count;
         let mut tiny = [false; 6];
         for i in 0..n {
@@ -173,8 +181,8 @@ impl<const N: usize> TrackedSvd<N> {
     }
 
     /// The unit vector nearest to the old v_i that is orthogonal to all others that are known.
-    fn companion(&self, i: usize, unknown: &[bool; 6]) -> SVector<f64, N> {
-        let project = |mut v: SVector<f64, N>| {
+    fn companion(&self, i: usize, unknown: &[bool; 6]) -> Joints<N> {
+        let project = |mut v: Joints<N>| {
             for _ in 0..2 {
                 for j in (0..self.count).filter(|j| *j != i && !unknown[*j]) {
                     v -= self.v[j] * self.v[j].dot(&v);
@@ -185,7 +193,7 @@ impl<const N: usize> TrackedSvd<N> {
         let mut best = project(self.v[i]);
         if best.norm_squared() < 0.25 {
             for k in self.columns.0..self.columns.1 {
-                let axis = project(SVector::from_fn(|c, _| if c == k { 1.0 } else { 0.0 }));
+                let axis = project(unit(k));
                 if axis.norm_squared() > best.norm_squared() + 1e-9 {
                     best = axis;
                 }
@@ -215,7 +223,7 @@ impl<const N: usize> TrackedSvd<N> {
     }
 
     /// det B for a square block.
-    fn determinant(&self, scaled: &SMatrix<f64, 6, N>) -> f64 {
+    fn determinant(&self, scaled: &Jacobian<N>) -> f64 {
         let mut M = SMatrix::<f64, 6, 6>::identity();
         for i in 0..self.count {
             for k in 0..self.count {

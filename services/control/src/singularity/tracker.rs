@@ -27,15 +27,18 @@ use super::auxiliary_row::{Turn, UNDEFINED};
 use super::axes::frame;
 use super::classify::{Lock, Verdict, classify};
 use super::family::Posture;
-use super::geometry::{Geometry, Span};
+use super::geometry::Geometry;
 use super::screws::Screws;
 use super::tracked_svd::{SQUARED_GAP, TrackedSvd};
-use crate::linear::{angular, linear, smoothstep, stack};
+use crate::linear::{
+    Basis, Joints, Matrix3, Vector3, Vector6, angular, half_of, halves, linear, smoothstep, stack,
+    unit,
+};
 use crate::paper::neighborhood::Neighborhood;
 use crate::paper::type_2::TURNS;
 use crate::types::{Class, Kind, Singularity};
 use model::{joints, padded};
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3, Vector6};
+use nalgebra::SMatrix;
 use shared_types::checkpoints::PlaceCheckpoint;
 use shared_types::random::Uniform;
 use shared_types::scenario::{Analysis, BySingularity};
@@ -92,7 +95,7 @@ struct Entry<const N: usize> {
     flipped: bool,
     verdict: Verdict,
     /// Unit auxiliary row in Π; zero before the first tick.
-    a: SVector<f64, N>,
+    a: Joints<N>,
 }
 
 /// The tracked singular directions of one arm.
@@ -119,7 +122,7 @@ pub(super) struct Tracker<const N: usize> {
 }
 
 /// An arm in one posture: its screws at C, and C − S, m.
-pub(super) type Arm<const N: usize> = (Screws<N>, Vector3<f64>);
+pub(super) type Arm<const N: usize> = (Screws<N>, Vector3);
 
 impl<const N: usize> Tracker<N> {
     /// The directions of an arm in any posture. `names` are the places to report, in order; the last one is the second block's, where there are two.
@@ -154,7 +157,7 @@ impl<const N: usize> Tracker<N> {
             settled: false,
             flipped: false,
             verdict: Verdict::default(),
-            a: SVector::zeros(),
+            a: Joints::zeros(),
         };
         let mut out = Self {
             geometry,
@@ -181,7 +184,7 @@ impl<const N: usize> Tracker<N> {
         // Per place, how often each type.
         let mut types = [[0_u32; 4]; MAX_SINGULARITIES];
         for _ in 0..SAMPLES.0 {
-            let delta = SVector::from_fn(|_, _| random.within(-PI, PI));
+            let delta = Joints::from_fn(|_, _| random.within(-PI, PI));
             let (moved, by) = screws.moved(&delta);
             let arm = (moved, p + by);
             let rows = self.geometry.rows(&arm.0, &arm.1, self.length_m);
@@ -249,7 +252,7 @@ impl<const N: usize> Tracker<N> {
                 gain: 1.0,
                 zeta_B: stack(&Vector3::x(), &Vector3::zeros()),
                 R_BS: Matrix3::identity(),
-                aux_row: super::axes::unit(0),
+                aux_row: unit(0),
                 aux_rate: at.qdot[0],
                 ..Singularity::none()
             };
@@ -276,7 +279,7 @@ impl<const N: usize> Tracker<N> {
     }
 
     /// u of an entry, on scaled rows.
-    fn left_vector(&self, k: usize, p: &Vector3<f64>) -> Vector6<f64> {
+    fn left_vector(&self, k: usize, p: &Vector3) -> Vector6 {
         let Entry { block, index, .. } = self.entries[k];
         self.geometry
             .without_elbow(self.blocks[block].covector(index), p)
@@ -379,9 +382,9 @@ impl<const N: usize> Tracker<N> {
     }
 
     /// The directions orthogonal to Π of entry `k`: the other directions of its block, tracked ones by their auxiliary rows.
-    fn others(&self, k: usize) -> Span<N> {
+    fn others(&self, k: usize) -> Basis<N> {
         let block = self.entries[k].block;
-        let mut span = Span::of_absent(&self.blocks[block]);
+        let mut span = self.blocks[block].absent();
         for j in 0..self.blocks[block].count {
             match self.tracks(block, j) {
                 None => span.push(self.blocks[block].v[j]),
@@ -395,7 +398,7 @@ impl<const N: usize> Tracker<N> {
     /// Carries every a of a block to the new posture: beyond η_out it is v, else the old one without what has left Π.
     fn carry(&mut self, block: usize) {
         let svd = &self.blocks[block];
-        let mut span = Span::of_absent(svd);
+        let mut span = svd.absent();
         for j in (0..svd.count).filter(|j| self.tracks(block, *j).is_none()) {
             span.push(svd.v[j]);
         }
@@ -461,7 +464,7 @@ impl<const N: usize> Tracker<N> {
         &self,
         k: usize,
         arm: &Arm<N>,
-        before: &[(Vector6<f64>, Vector6<f64>)],
+        before: &[(Vector6, Vector6)],
     ) -> SecondOrder<N> {
         let (entry, u) = (self.entries[k], self.left_vector(k, &arm.1));
         let (svd, i) = (&self.blocks[entry.block], entry.index);
@@ -520,7 +523,7 @@ impl<const N: usize> Tracker<N> {
         k: usize,
         at: &Posture<'_, N>,
         arm: &Arm<N>,
-        before: &[(Vector6<f64>, Vector6<f64>)],
+        before: &[(Vector6, Vector6)],
     ) -> Singularity<N> {
         let (entry, order) = (self.entries[k], self.second_order(k, arm, before));
         let (svd, reference) = (&self.blocks[entry.block], self.reference[entry.block]);
@@ -588,8 +591,8 @@ impl<const N: usize> Tracker<N> {
         at: &Posture<'_, N>,
         arm: &Arm<N>,
         order: &SecondOrder<N>,
-        (axis, per_u): (&Vector3<f64>, f64),
-    ) -> (Vector3<f64>, f64) {
+        (axis, per_u): (&Vector3, f64),
+    ) -> (Vector3, f64) {
         let (usual, entry) = (towards(at, axis), &self.entries[k]);
         let turns =
             order.class == Class::Type2 || order.class == Class::Mixed && !self.measures_vectors();
@@ -604,13 +607,7 @@ impl<const N: usize> Tracker<N> {
     }
 
     /// How a half of u turns along the joint motion `y`, 1/rad.
-    fn half_rate(
-        &self,
-        k: usize,
-        arm: &Arm<N>,
-        y: &SVector<f64, N>,
-        is_angular: bool,
-    ) -> Vector3<f64> {
+    fn half_rate(&self, k: usize, arm: &Arm<N>, y: &Joints<N>, is_angular: bool) -> Vector3 {
         let Entry { block, index, .. } = self.entries[k];
         let rate = self.blocks[block].turning(&arm.0.rate(y), index, self.length_m);
         half_of(&rate, is_angular)
@@ -623,7 +620,7 @@ impl<const N: usize> Tracker<N> {
         i: usize,
         (screws, p): &Arm<N>,
         Q: &SMatrix<f64, N, N>,
-        qdot: &SVector<f64, N>,
+        qdot: &Joints<N>,
     ) -> f64 {
         let (v, u) = (svd.v[i], svd.covector(i));
         let up = if svd.sigma[i] < 0.0 && !svd.is_square() {
@@ -643,7 +640,7 @@ impl<const N: usize> Tracker<N> {
     /// ȧ·q̇ while a is carried: ȧ leaves Π only, by −Σ_j v_j (u_jᵀḂa)/σ_j over the directions j that are not lost.
     ///
     /// Lost ones beside it span Π with it, and their own rows are carried, too.
-    fn bias(&self, k: usize, a: &SVector<f64, N>, screws: &Screws<N>, at: &Posture<'_, N>) -> f64 {
+    fn bias(&self, k: usize, a: &Joints<N>, screws: &Screws<N>, at: &Posture<'_, N>) -> f64 {
         let Entry { block, index, .. } = self.entries[k];
         let svd = &self.blocks[block];
         let Ba = screws.rate(at.qdot) * a;
@@ -713,21 +710,21 @@ struct SecondOrder<const N: usize> {
     class: Class,
     angular: bool,
     /// The half of u that ζ takes.
-    half: Vector3<f64>,
+    half: Vector3,
     /// u·H.
     Q: SMatrix<f64, N, N>,
-    a: SVector<f64, N>,
-    m: SVector<f64, N>,
+    a: Joints<N>,
+    m: Joints<N>,
     /// aᵀQa, and what is mixed with the rest of Π.
     curvature: f64,
-    curvature_b: SVector<f64, N>,
+    curvature_b: Joints<N>,
     /// How far the coordinate is that of a fold: 0 where it is a's own, 1 where the fold's curvature leads.
     fold: f64,
 }
 
 impl<const N: usize> SecondOrder<N> {
     /// The auxiliary coordinate and its gradient.
-    fn coordinate(&self) -> (f64, SVector<f64, N>) {
+    fn coordinate(&self) -> (f64, Joints<N>) {
         let Self {
             Q,
             a,
@@ -747,7 +744,7 @@ impl<const N: usize> SecondOrder<N> {
 }
 
 /// The target of a singular frame's second axis: the last joint's axis, or the one before it where ζ lies along that.
-fn towards<const N: usize>(at: &Posture<'_, N>, axis: &Vector3<f64>) -> Vector3<f64> {
+fn towards<const N: usize>(at: &Posture<'_, N>, axis: &Vector3) -> Vector3 {
     let z = at.terms.z[N - 1];
     if N < 2 || z.dot(axis).abs() < 0.9 {
         z
@@ -756,36 +753,22 @@ fn towards<const N: usize>(at: &Posture<'_, N>, axis: &Vector3<f64>) -> Vector3<
     }
 }
 
-fn is_set<const N: usize>(a: &SVector<f64, N>) -> bool {
+fn is_set<const N: usize>(a: &Joints<N>) -> bool {
     a.norm_squared() > 0.0
 }
 
 /// A left vector as a covector of J's own rows: linear ones 1/m.
-pub(super) fn unscaled(u: &Vector6<f64>, length_m: f64) -> Vector6<f64> {
+pub(super) fn unscaled(u: &Vector6, length_m: f64) -> Vector6 {
     let mut a = *u;
     a.fixed_rows_mut::<3>(0).scale_mut(1.0 / length_m);
     a
-}
-
-/// The vector of this half, the other half zero.
-fn halves(half: &Vector3<f64>, is_angular: bool) -> Vector6<f64> {
-    let zero = Vector3::zeros();
-    if is_angular {
-        stack(&zero, half)
-    } else {
-        stack(half, &zero)
-    }
-}
-
-fn half_of(u: &Vector6<f64>, is_angular: bool) -> Vector3<f64> {
-    if is_angular { angular(u) } else { linear(u) }
 }
 
 /// Left null vector `u` without what has been given the directions ζ before it, each a pair of ζ and its own u, on scaled rows.
 ///
 /// Where two directions are lost any two vectors span them: both may be largest in the same half, along the same axis, and the rows that are kept then
 /// lack one. u − u_1·(ζ_1ᵀu)/(ζ_1ᵀu_1) is lost just as u is, and has nothing along ζ_1. Where nothing would be left of u, it stays.
-fn apart(u: Vector6<f64>, before: &[(Vector6<f64>, Vector6<f64>)]) -> Vector6<f64> {
+fn apart(u: Vector6, before: &[(Vector6, Vector6)]) -> Vector6 {
     before.iter().fold(u, |u, (zeta, other)| {
         let own = zeta.dot(other);
         let left = u - other * (zeta.dot(&u) / own);
@@ -799,11 +782,11 @@ fn apart(u: Vector6<f64>, before: &[(Vector6<f64>, Vector6<f64>)]) -> Vector6<f6
 
 /// Whether ζ is the rotation of u, and the half of u that it takes; by the hysteresis of its neighbourhood and its name.
 fn larger_half<const N: usize>(
-    u: &Vector6<f64>,
+    u: &Vector6,
     kind: Kind,
     entry: &Entry<N>,
     is_square: bool,
-) -> (bool, Vector3<f64>) {
+) -> (bool, Vector3) {
     let (above, below) = match (entry.latched && entry.settled, kind) {
         (true, _) if is_square => ANGULAR[4],
         (true, _) => ANGULAR[3],

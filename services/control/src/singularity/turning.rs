@@ -2,12 +2,12 @@
 
 use super::family::{Family, Posture};
 use crate::centre::AtCentre;
-use crate::linear::{rotation_log, stack, wrap_angle};
+use crate::linear::{Joints, Vector6, rotation_log, stack, wrap_angle};
 use crate::paper::operational_space::Cholesky;
 use crate::paper::type_2::TURNS;
 use crate::types::Singularity;
 use model::Model;
-use nalgebra::{Matrix6, SVector, Vector6};
+use nalgebra::Matrix6;
 use shared_types::MAX_SINGULARITIES;
 
 /// Steps of a turn, and most corrections after each.
@@ -22,20 +22,19 @@ const EXACT: f64 = 1e-11;
 ///
 /// Shape N · Units rad · Requires `s` of the posture `q` · Errors `None` where the null motion does not turn ζ, or leads to a regular posture · Cost
 /// about 0.1 ms, once a turn; no allocation
-#[must_use]
 pub fn turning<const N: usize>(
     family: &Family<N>,
     model: &Model<N>,
-    q: &SVector<f64, N>,
+    q: &Joints<N>,
     s: &Singularity<N>,
     angle: f64,
-) -> Option<SVector<f64, N>> {
-    let (mut family, zero) = (family.clone(), SVector::zeros());
+) -> Option<Joints<N>> {
+    let (mut family, zero) = (family.clone(), Joints::zeros());
     let mut listed = [Singularity::none(); MAX_SINGULARITIES];
-    let mut at_posture = |q: &SVector<f64, N>, listed: &mut [Singularity<N>; MAX_SINGULARITIES]| {
+    let mut at_posture = |q: &Joints<N>, listed: &mut [Singularity<N>; MAX_SINGULARITIES]| {
         let terms = model.evaluate(q, &zero);
         let p_BC = family.centre(&terms);
-        let at = AtCentre::new(&terms, &p_BC, &terms.omega[N - 1]);
+        let at = AtCentre::new(&terms, &p_BC);
         let posture = Posture {
             q,
             qdot: &zero,

@@ -1,48 +1,29 @@
 //! Goals beyond reach on arms analysed by number.
 
-use crate::testing::robot;
+use crate::Analyzer;
+use crate::linear::Joints;
+use crate::testing::{Bench, robot, scenario};
 use crate::types::Class;
-use crate::{Analyzer, Controller, start_posture};
-use model::{Model, Robot};
-use nalgebra::SVector;
-use shared_types::scenario::{Scenario, Segment, Start};
+use model::Model;
+use shared_types::scenario::Scenario;
 
-/// A straight line from the posture `q_rad` that ends beyond reach.
-fn beyond(robot: &Robot, q_rad: &[f64], by_m: [f64; 3], duration_s: f64) -> Scenario {
-    let mut scenario = crate::testing::scenario(
-        include_str!("../../../../sim/scenarios/sweep.toml"),
-        &["analysis.numeric=true"],
+/// A straight line of an arm of two joints, analysed by number.
+fn line(q_rad: [f64; 2], by_m: [f64; 3]) -> Scenario {
+    let text = format!(
+        "name = \"x\"\nrobot = \"planar2r\"\n[start]\nq = {q_rad:?}\n[[segment]]\nby_m = {by_m:?}\nduration_s = 2.0\n[analysis]\nnumeric = true\n"
     );
-    scenario.robot.clone_from(&robot.name);
-    scenario.start = Start {
-        q: Some(q_rad.to_vec()),
-        ..Start::default()
-    };
-    scenario.segment = vec![Segment {
-        duration_s,
-        by_m: Some(by_m),
-        ..Segment::default()
-    }];
-    scenario.settle_s = 1.0;
-    scenario
-}
-
-fn warning(robot: &Robot, scenario: &Scenario) -> Option<String> {
-    let q = start_posture::<6>(robot, scenario).unwrap();
-    Controller::<6>::new(Model::new(robot, None).unwrap(), robot, scenario, q)
-        .unwrap()
-        .warning()
+    scenario(&text, &[])
 }
 
 #[test]
 fn a_goal_beyond_reach_is_warned_of_and_no_other() {
-    let two = robot("planar2r");
     for (by_m, is_beyond) in [
         ([0.5, 0.4, 0.0], true),
         ([0.1, 0.9, 0.0], true),
         ([0.05, 0.05, 0.0], false),
     ] {
-        let warned = warning(two, &beyond(two, &[0.3, 0.8], by_m, 2.0));
+        let arm = Bench::<6>::of(&line([0.3, 0.8], by_m));
+        let warned = arm.controller.warning();
         assert_eq!(warned.is_some(), is_beyond, "{by_m:?}: {warned:?}");
     }
 }
@@ -50,12 +31,12 @@ fn a_goal_beyond_reach_is_warned_of_and_no_other() {
 #[test]
 fn a_stretched_arm_of_two_joints_is_type_1_and_has_two_places() {
     let two = robot("planar2r");
-    let scenario = beyond(two, &[0.3, 0.0], [0.0; 3], 1.0);
+    let scenario = line([0.3, 0.0], [0.0; 3]);
     let model = Model::<6>::new(two, None).unwrap();
     for elbow in [0.0, 0.1, -0.1] {
         let (q, zero) = (
-            SVector::from([0.3, elbow, 0.0, 0.0, 0.0, 0.0]),
-            SVector::zeros(),
+            Joints::from([0.3, elbow, 0.0, 0.0, 0.0, 0.0]),
+            Joints::zeros(),
         );
         let report =
             Analyzer::<6>::new(two, &scenario.analysis).step(&q, &zero, &model.evaluate(&q, &zero));

@@ -1,75 +1,57 @@
 //! The controller as a whole: restarts and refusals.
 
-use crate::testing::{puma, rk4, robot, scenario, undisturbed};
-use crate::types::{Command, Phase, Refusal, Report};
-use crate::{Analyzer, Controller, Inputs, start_posture};
-use model::{Model, Robot, Terms};
-use nalgebra::{SVector, Vector3};
-use shared_types::scenario::Scenario;
+use crate::linear::{Joints, Vector3, Vector6};
+use crate::testing::{Bench, puma, robot, scenario};
+use crate::types::{Phase, Refusal};
+use crate::{Controller, start_posture};
+use model::{Model, Robot};
 use shared_types::{AnalyzerCheckpoint, ControllerCheckpoint};
 
-/// The command at any tick.
-fn step(
-    controller: &mut Controller<6>,
-    state: [&SVector<f64, 6>; 2],
-    report: &Report<6>,
-    terms: Option<&Terms<6>>,
-) -> Command<6> {
-    undisturbed(controller, 0, state, report, terms, None)
+fn figure_5() -> Bench<6> {
+    Bench::new(include_str!(
+        "../../../../sim/scenarios/fig5-wrist-rotation.toml"
+    ))
 }
 
-fn figure_5() -> (Scenario, Controller<6>, Analyzer<6>, SVector<f64, 6>) {
-    let scenario = scenario(
-        include_str!("../../../../sim/scenarios/fig5-wrist-rotation.toml"),
-        &[],
-    );
-    let q = start_posture::<6>(robot("puma560"), &scenario).unwrap();
-    let controller = Controller::new(puma().clone(), robot("puma560"), &scenario, q).unwrap();
-    let analyzer = Analyzer::new(robot("puma560"), &scenario.analysis);
-    (scenario, controller, analyzer, q)
-}
+const NOTHING: Vector6 = Vector6::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
 
 #[test]
 fn a_restarted_controller_and_analyzer_continue_bit_for_bit() {
-    let (scenario, mut controller, mut analyzer, mut q) = figure_5();
-    let mut qdot = SVector::zeros();
-    let mut twins: Option<(Controller<6>, Analyzer<6>)> = None;
+    let mut arm = figure_5();
+    let (begun, mut twin) = (arm.clone(), arm.clone());
     for k in 0..2600 {
         if k % 333 == 0 {
-            let (_, mut other, mut eyes, _) = figure_5();
             let (mut control, mut analysis) =
                 <(ControllerCheckpoint, AnalyzerCheckpoint)>::default();
-            controller.save(&mut control);
-            analyzer.save(&mut analysis);
-            other.restore(&control);
-            eyes.restore(&analysis);
-            twins = Some((other, eyes));
+            arm.controller.save(&mut control);
+            arm.analyzer.save(&mut analysis);
+            twin = begun.clone();
+            twin.controller.restore(&control);
+            twin.analyzer.restore(&analysis);
         }
-        let terms = puma().evaluate(&q, &qdot);
-        let report = analyzer.step(&q, &qdot, &terms);
-        let command = step(&mut controller, [&q, &qdot], &report, None);
-        let (other, eyes) = twins.as_mut().unwrap();
-        assert_eq!(eyes.step(&q, &qdot, &terms), report, "tick {k}");
-        let known = step(other, [&q, &qdot], &report, Some(&terms));
-        assert_eq!(known, command, "tick {k}: with terms that are known");
-        (q, qdot) = rk4(puma(), &q, &qdot, &command.tau, scenario.dt_s());
+        // The twin is told the model's terms where the arm is not.
+        (twin.q, twin.qdot, twin.tick) = (arm.q, arm.qdot, k + 1);
+        let command = arm.command(None);
+        assert_eq!(twin.command(None), command, "tick {k}");
+        assert_eq!(twin.report, arm.report, "tick {k}");
+        arm.moves(&command.tau);
     }
 }
 
 #[test]
 fn a_nan_is_refused_for_good_and_the_arm_held() {
-    let (_, mut controller, mut analyzer, q) = figure_5();
-    let zero = SVector::zeros();
-    let report = analyzer.step(&q, &zero, &puma().evaluate(&q, &zero));
-    let mut bad = q;
-    bad[3] = f64::NAN;
-    let command = step(&mut controller, [&bad, &zero], &report, None);
+    let mut arm = figure_5();
+    arm.command(None);
+    let q = arm.q;
+    arm.q[3] = f64::NAN;
+    let command = arm.again(&NOTHING);
     assert!(
         command.refusal == Refusal::State
             && command.phase == Phase::Refused
             && command.tau.iter().all(|x| x.is_finite())
     );
-    let command = step(&mut controller, [&q, &zero], &report, None);
+    arm.q = q;
+    let command = arm.again(&NOTHING);
     assert_eq!(
         (command.phase, command.refusal),
         (Phase::Refused, Refusal::State),
@@ -83,11 +65,10 @@ fn a_nan_is_refused_for_good_and_the_arm_held() {
 
 #[test]
 fn a_report_that_makes_no_sense_is_refused() {
-    let (_, mut controller, mut analyzer, q) = figure_5();
-    let zero = SVector::zeros();
-    let mut report = analyzer.step(&q, &zero, &puma().evaluate(&q, &zero));
-    report.singularities[1].aux_row = SVector::zeros();
-    let command = step(&mut controller, [&q, &zero], &report, None);
+    let mut arm = figure_5();
+    arm.command(None);
+    arm.report.singularities[1].aux_row = Joints::zeros();
+    let command = arm.again(&NOTHING);
     assert!(
         command.refusal == Refusal::Singular
             && command.phase == Phase::Refused
@@ -97,9 +78,7 @@ fn a_report_that_makes_no_sense_is_refused() {
 
 #[test]
 fn a_damaged_checkpoint_is_refused_and_the_arm_held() {
-    let (_, controller, mut analyzer, q) = figure_5();
-    let zero = SVector::zeros();
-    let report = analyzer.step(&q, &zero, &puma().evaluate(&q, &zero));
+    let begun = figure_5();
     let damages: [fn(&mut ControllerCheckpoint); 7] = [
         |one| one.loops[0].mode = 99,
         |one| one.refusal = 99,
@@ -110,12 +89,11 @@ fn a_damaged_checkpoint_is_refused_and_the_arm_held() {
         |one| one.R_BE_start = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0],
     ];
     for damage in damages {
-        let (_, mut other, ..) = figure_5();
-        let mut checkpoint = ControllerCheckpoint::default();
-        controller.save(&mut checkpoint);
+        let (mut arm, mut checkpoint) = (begun.clone(), ControllerCheckpoint::default());
+        arm.controller.save(&mut checkpoint);
         damage(&mut checkpoint);
-        other.restore(&checkpoint);
-        let command = step(&mut other, [&q, &zero], &report, None);
+        arm.controller.restore(&checkpoint);
+        let command = arm.command(None);
         assert_eq!(
             (command.phase, command.refusal),
             (Phase::Refused, Refusal::Checkpoint)
@@ -154,17 +132,10 @@ fn a_start_without_a_margin_is_refused() {
 #[test]
 fn a_refusal_states_the_pose_at_which_the_path_stopped() {
     let text = "name = \"x\"\nrobot = \"puma560\"\n[start]\nq = [0.3, -0.9, 2.6, 0.2, 0.8, 0.1]\n[[segment]]\nby_m = [0.0, 0.0, -0.05]\nduration_s = 0.5\n";
-    let scenario = scenario(text, &[]);
-    let q = start_posture::<6>(robot("puma560"), &scenario).unwrap();
-    let mut controller = Controller::new(puma().clone(), robot("puma560"), &scenario, q).unwrap();
-    let mut analyzer = Analyzer::new(robot("puma560"), &scenario.analysis);
-    let (qdot, X) = (SVector::zeros(), puma().forward_kinematics(&q));
-    let report = analyzer.step(&q, &qdot, &puma().evaluate(&q, &qdot));
-    let mut last = step(&mut controller, [&q, &qdot], &report, None);
-    for _ in 0..300 {
-        last = step(&mut controller, [&q, &qdot], &report, None);
-    }
-    let refused = controller.refuse(&q, &qdot, Refusal::Limit);
+    let mut arm = Bench::<6>::new(text);
+    let (q, qdot, X) = (arm.q, arm.qdot, arm.model.forward_kinematics(&arm.q));
+    let last = (0..=300).map(|_| arm.command(None)).last().unwrap();
+    let refused = arm.controller.refuse(&q, &qdot, Refusal::Limit);
     assert!(refused.phase == Phase::Refused && (last.X_BE_d.p - X.p).norm() > 1e-3);
     let by = (refused.X_BE_d.p - last.X_BE_d.p).norm();
     assert!(by < 1e-3, "{by}");
@@ -173,27 +144,13 @@ fn a_refusal_states_the_pose_at_which_the_path_stopped() {
 /// A load that the model does not know pulls on an arm that was refused, too: it is carried, but not by an estimate that is not to be trusted.
 #[test]
 fn a_refused_arm_carries_an_unknown_load() {
-    let (_, mut controller, mut analyzer, q) = figure_5();
-    let (qdot, terms) = (SVector::zeros(), puma().evaluate(&q, &SVector::zeros()));
-    let report = analyzer.step(&q, &qdot, &terms);
-    let load = terms
-        .J
-        .fixed_rows::<3>(0)
-        .tr_mul(&Vector3::new(0.0, 0.0, -20.0));
+    let mut arm = figure_5();
+    let (q, qdot, terms) = (arm.q, arm.qdot, arm.model.evaluate(&arm.q, &arm.qdot));
+    let down = Vector3::new(0.0, 0.0, -20.0);
+    let load = terms.J.fixed_rows::<3>(0).tr_mul(&down);
     for (why, carried) in [(Refusal::Limit, 1.0), (Refusal::Estimate, 0.0)] {
-        controller.refuse(&q, &qdot, why);
-        let ticks = (0..500).map(|tick| {
-            controller.step(&Inputs {
-                tick,
-                q: &q,
-                qdot: &qdot,
-                tau_disturbance: &load,
-                wrist: None,
-                report: &report,
-                terms: None,
-                target: None,
-            })
-        });
+        arm.controller.refuse(&q, &qdot, why);
+        let ticks = (0..500).map(|_| arm.again(&load));
         let off = ticks.last().unwrap().tau - terms.bias() + load * carried;
         assert!(load.amax() > 5.0 && off.amax() < 1e-9, "{why:?}: {off}");
     }

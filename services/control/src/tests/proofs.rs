@@ -4,23 +4,18 @@ use crate::centre::AtCentre;
 use crate::law::auxiliary::LEFT;
 use crate::law::force::Pressing;
 use crate::law::{self, Engaged, Problem, Rows};
-use crate::linear::{linear, stack};
+use crate::linear::{Basis, Vector3, Vector6, linear, stack};
 use crate::paper::singular_frame::orthogonal_rows;
 use crate::singularity::analyzer::Analyzer;
 use crate::testing::{PumaLengths, posture, puma, puma_lengths, robot};
 use crate::types::Report;
 use model::{Model, Terms};
-use nalgebra::{DMatrix, DVector, Vector3, Vector6};
+use nalgebra::{DMatrix, DVector};
 use proptest::prelude::*;
 use shared_types::random::Uniform;
 use shared_types::scenario::Analysis;
 
-fn analysed(
-    model: &Model<6>,
-    name: &str,
-    q: &Vector6<f64>,
-    qdot: &Vector6<f64>,
-) -> (Report<6>, Terms<6>) {
+fn analysed(model: &Model<6>, name: &str, q: &Vector6, qdot: &Vector6) -> (Report<6>, Terms<6>) {
     let terms = model.evaluate(q, qdot);
     (
         Analyzer::new(robot(name), &Analysis::default()).step(q, qdot, &terms),
@@ -29,7 +24,7 @@ fn analysed(
 }
 
 /// A random posture with some of the three locks forced, and which of them.
-fn at_locks(random: &mut Uniform, locks: usize) -> Vector6<f64> {
+fn at_locks(random: &mut Uniform, locks: usize) -> Vector6 {
     let mut q = Vector6::from_fn(|i, _| random.within(puma().lower()[i], puma().upper()[i]));
     let near = |random: &mut Uniform| {
         random.within(-1.0, 1.0) * [0.0, 0.08][random.within(0.0, 2.0) as usize % 2]
@@ -42,13 +37,7 @@ fn at_locks(random: &mut Uniform, locks: usize) -> Vector6<f64> {
         q[4] = near(random);
     }
     if locks & 4 != 0 {
-        // R = c2·K + s2·M = 0 at q2 = atan2(−K, M), up or down.
-        let theta = q[2] - lengths.q3_stretched;
-        let (K, M) = (
-            lengths.a2 + lengths.L3 * libm::cos(theta),
-            -lengths.L3 * libm::sin(theta),
-        );
-        q[1] = libm::atan2(-K, M) + near(random);
+        q[1] = lengths.overhead(q[2]) + near(random);
     }
     q
 }
@@ -72,13 +61,13 @@ struct Met {
     report: Report<6>,
     terms: Terms<6>,
     at: AtCentre<6>,
-    qdot: Vector6<f64>,
+    qdot: Vector6,
 }
 
 impl Met {
-    fn new(q: &Vector6<f64>, qdot: Vector6<f64>) -> Self {
+    fn new(q: &Vector6, qdot: Vector6) -> Self {
         let (report, terms) = analysed(puma(), "puma560", q, &qdot);
-        let at = AtCentre::new(&terms, &report.p_BC, &terms.omega[5]);
+        let at = AtCentre::new(&terms, &report.p_BC);
         Self {
             report,
             terms,
@@ -112,7 +101,7 @@ impl Met {
     }
 }
 
-fn moving(random: &mut Uniform) -> Vector6<f64> {
+fn moving(random: &mut Uniform) -> Vector6 {
     Vector6::from_fn(|_, _| random.within(-0.5, 0.5))
 }
 
@@ -184,10 +173,15 @@ fn the_augmented_matrix_is_regular_everywhere() {
     assert!(smallest > 0.03 && of_J < 1e-6, "{smallest} {of_J}");
 }
 
+/// The directions that are kept.
+fn kept(problem: &Problem<'_, 6>, engaged: &[Engaged<6>]) -> Basis<6> {
+    orthogonal_rows::<6>(&problem.task, engaged.iter().map(|one| one.zeta_B)).unwrap()
+}
+
 /// The paper's law in its own form, Γ = J_rᵀΛ_r r + N_T Γ₀, Γ₀ = A·w·(ẍ − ∂x/∂q·J̄_r r) where w moves the auxiliary coordinates by one each and no kept row:
 /// by inverses, with nothing in common with the code. The torque, and its part in the null space.
-fn papers_torque(problem: &Problem<'_, 6>, engaged: &[Engaged<6>]) -> [Vector6<f64>; 2] {
-    let kept = orthogonal_rows::<6>(&problem.task, engaged).unwrap();
+fn papers_torque(problem: &Problem<'_, 6>, engaged: &[Engaged<6>]) -> [Vector6; 2] {
+    let kept = kept(problem, engaged);
     let J_r = DMatrix::from_fn(kept.len(), 6, |i, j| problem.at.J.column(j).dot(&kept[i]));
     let aux = DMatrix::from_fn(engaged.len(), 6, |i, j| engaged[i].aux_row[j]);
     let a = problem.a - problem.at.Jdot_qdot;
@@ -333,7 +327,7 @@ fn force_and_motion_are_decoupled() {
         let bearing = Pressing::touching(F).bearing(&met.terms).unwrap();
         let contact = met.terms.J.tr_mul(&F);
         let change = A_inverse * (pressing + bearing + contact - before);
-        let kept = orthogonal_rows::<6>(&problem.task, &engaged).unwrap();
+        let kept = kept(&problem, &engaged);
         let asked = DVector::from_fn(kept.len(), |i, _| 3.0 * linear(&kept[i]).dot(&e));
         let moved = DVector::from_fn(kept.len(), |i, _| kept[i].dot(&(met.at.J * change)));
         kept_least = kept_least.min(asked.norm());

@@ -1,10 +1,11 @@
 //! The reference arm of a steered run in closed loop: random targets, and an arm that follows it exactly.
 
-use crate::testing::{robot, undisturbed};
+use crate::Controller;
+use crate::linear::{Joints, Vector3, Vector6, angular, linear, rotation_log, stack};
+use crate::testing::{Bench, robot};
 use crate::types::Phase;
-use crate::{Analyzer, Controller, Inputs, start_posture};
 use model::Model;
-use nalgebra::{Rotation3, SVector, UnitQuaternion, Vector6};
+use nalgebra::{Rotation3, UnitQuaternion};
 use proptest::prelude::*;
 use shared_types::codes::{
     FRAME_HAND, REASON_FOLLOWING, REASON_LIMIT, REASON_OVER, REASON_REACH, REASON_STALE,
@@ -59,20 +60,15 @@ fn steer<const N: usize>(
     name: &str,
     start: &str,
     targets: &[Held],
-) -> Result<(ServoState, [SVector<f64, N>; 2]), TestCaseError> {
+) -> Result<(ServoState, [Joints<N>; 2]), TestCaseError> {
     let text =
         format!("name = \"t\"\nrobot = \"{name}\"\n[start]\n{start}\n[servo]\nduration_s = 60.0\n");
-    let scenario = Scenario::parse("t.toml", &text, &[]).unwrap();
-    let (robot, dt) = (robot(name), scenario.dt_s());
-    let model = Model::<N>::new(robot, None).unwrap();
-    let start = start_posture::<N>(robot, &scenario).unwrap();
-    let mut analyzer = Analyzer::new(robot, &scenario.analysis);
-    let mut controller = Controller::new(model.clone(), robot, &scenario, start).unwrap();
-    let (mut q, mut qdot, mut tau) = (start, SVector::<f64, N>::zeros(), model.gravity(&start));
-    let (mut tick, mut state) = (0, ServoState::default());
+    let mut arm = Bench::<N>::new(&text);
+    let (model, dt, mut tau) = (arm.model.clone(), 1e-3, arm.model.gravity(&arm.q));
+    let mut state = ServoState::default();
     for (target, ticks) in targets {
         let mut target = TargetContent {
-            given_tick: tick,
+            given_tick: arm.tick,
             ..*target
         };
         if target.kind == TARGET_POSTURE {
@@ -80,11 +76,9 @@ fn steer<const N: usize>(
             target.q[N..].fill(0.0);
         }
         for _ in 0..*ticks {
-            let report = analyzer.step(&q, &qdot, &model.evaluate(&q, &qdot));
-            let at = [&q, &qdot];
-            let command = undisturbed(&mut controller, tick, at, &report, None, Some(&target));
+            let (tick, command) = (arm.tick, arm.command(Some(&target)));
             state = command.session.unwrap_or_default();
-            let reference = controller.state.targets;
+            let reference = arm.controller.state.targets;
             prop_assert!(
                 state.refused == 0 && command.phase != Phase::Refused,
                 "tick {tick}: {:?} {:?}",
@@ -108,16 +102,15 @@ fn steer<const N: usize>(
                     ("rad/s", speed, model.velocity()[i]),
                     ("N·m", torque, effort),
                     ("N·m in a tick", torque - tau[i], rate * dt * (1.0 + 1e-9)),
-                    ("rad/s in a tick", speed - qdot[i], most * dt),
+                    ("rad/s in a tick", speed - arm.qdot[i], most * dt),
                 ] {
                     prop_assert!(found.abs() <= most, "{found} of {most} {what}: {}", place());
                 }
             }
-            (q, qdot, tau) = (reference.q, reference.qdot, command.tau);
-            tick += 1;
+            (arm.q, arm.qdot, tau) = (reference.q, reference.qdot, command.tau);
         }
     }
-    Ok((state, [q, qdot]))
+    Ok((state, [arm.q, arm.qdot]))
 }
 
 proptest! {
@@ -148,8 +141,8 @@ fn an_arm_with_a_spare_joint_rests_in_a_lock_beyond_which_its_target_leads() {
 /// Steered out of an exact lock for 4 s at a constant twist: its largest error orthogonal to the twist asked for, m and rad, and the share of it that is made.
 fn out_of_a_lock(name: &str, lock: [f64; 7], twist: [f64; 6]) -> ([f64; 2], f64) {
     let model = Model::<7>::new(robot(name), None).unwrap();
-    let from = model.forward_kinematics(&SVector::from(lock));
-    let asked = nalgebra::Vector6::from(twist) * 4.0;
+    let from = model.forward_kinematics(&Joints::from(lock));
+    let asked = Vector6::from(twist) * 4.0;
     let target = TargetContent {
         kind: TARGET_TWIST,
         valid_s: 10.0,
@@ -160,12 +153,12 @@ fn out_of_a_lock(name: &str, lock: [f64; 7], twist: [f64; 6]) -> ([f64; 2], f64)
     for ticks in [200, 1000, 4000] {
         let (_, [q, _]) = steer::<7>(name, &format!("q = {lock:?}"), &[(target, ticks)]).unwrap();
         let to = model.forward_kinematics(&q);
-        let turn = crate::linear::rotation_log(&(to.R * from.R.transpose()));
-        let moved = crate::linear::stack(&(to.p - from.p), &turn);
+        let turn = rotation_log(&(to.R * from.R.transpose()));
+        let moved = stack(&(to.p - from.p), &turn);
         share = moved.dot(&asked) / asked.norm_squared();
         let across = moved - asked * share;
-        worst[0] = worst[0].max(crate::linear::linear(&across).norm());
-        worst[1] = worst[1].max(crate::linear::angular(&across).norm());
+        worst[0] = worst[0].max(linear(&across).norm());
+        worst[1] = worst[1].max(angular(&across).norm());
     }
     (worst, share)
 }
@@ -362,14 +355,14 @@ fn a_steered_law_begins_in_any_posture_as_if_made_for_it() {
 fn a_turn_about_a_lost_direction_is_made_on_an_arm_without_formulas() {
     let start = "q_deg = [10, -40, 25, 20, 0, 60]\n[analysis]\nnumeric = true";
     let model = Model::<6>::new(robot("puma560"), None).unwrap();
-    let pose = |q: &SVector<f64, 6>| model.forward_kinematics(q).R;
-    let from = SVector::from([10.0, -40.0, 25.0, 20.0, 0.0, 60.0_f64]).map(f64::to_radians);
+    let pose = |q: &Joints<6>| model.forward_kinematics(q).R;
+    let from = Joints::from([10.0, -40.0, 25.0, 20.0, 0.0, 60.0_f64]).map(f64::to_radians);
     for beside_deg in [0.0_f64, 2.0, 10.0, 30.0] {
         // ζ is z4×z5: in the hand's axes, a turn by −q6 of the forearm's −x.
         let (sin, cos) = (60.0 + beside_deg).to_radians().sin_cos();
         let about = twist([0.0, 0.0, 0.0, 0.3 * cos, -0.3 * sin, 0.0], 10.0);
         let (state, [q, _]) = steer::<6>("puma560", start, &[(about, 4000)]).unwrap();
-        let turned = crate::linear::rotation_log(&(pose(&q) * pose(&from).transpose())).norm();
+        let turned = rotation_log(&(pose(&q) * pose(&from).transpose())).norm();
         assert!(
             turned > 0.9 * 1.2,
             "{beside_deg}° beside ζ: {turned} of 1.2 rad, {state:?}"
@@ -383,17 +376,12 @@ fn poses_of_a_joint_path(name: &str, from: [f64; 7], to: [f64; 7], time_s: f64) 
     let text = format!(
         "name = \"t\"\nrobot = \"{name}\"\n[start]\nq = {from:?}\n[servo]\nduration_s = 60.0\n"
     );
-    let scenario = Scenario::parse("t.toml", &text, &[]).unwrap();
-    let robot = robot(name);
-    let model = Model::<7>::new(robot, None).unwrap();
-    let (from, to) = (SVector::from(from), SVector::from(to));
-    let mut analyzer = Analyzer::new(robot, &scenario.analysis);
-    let mut controller = Controller::new(model.clone(), robot, &scenario, from).unwrap();
-    let (mut q, mut qdot) = (from, SVector::<f64, 7>::zeros());
+    let mut arm = Bench::<7>::new(&text);
+    let (model, from, to) = (arm.model.clone(), Joints::from(from), Joints::from(to));
     let (mut farthest, mut untrue) = (0.0_f64, 0);
     for tick in 0..(time_s * 1000.0) as u64 {
         let [share, rate, _] = crate::quintic(tick as f64 * 1e-3, time_s);
-        let asked = model.evaluate(&(from + (to - from) * share), &SVector::zeros());
+        let asked = model.evaluate(&(from + (to - from) * share), &Joints::zeros());
         let R = Rotation3::from_matrix_unchecked(asked.X_BE.R);
         let turn = UnitQuaternion::from_rotation_matrix(&R);
         let target = TargetContent {
@@ -405,17 +393,15 @@ fn poses_of_a_joint_path(name: &str, from: [f64; 7], to: [f64; 7], time_s: f64) 
             quaternion: [turn.w, turn.i, turn.j, turn.k],
             ..Default::default()
         };
-        let terms = model.evaluate(&q, &qdot);
-        let (at, report) = ([&q, &qdot], analyzer.step(&q, &qdot, &terms));
-        let (terms_at, asked_of) = (Some(&terms), Some(&target));
-        let command = undisturbed(&mut controller, tick, at, &report, terms_at, asked_of);
-        let off = (asked.X_BE.p - terms.X_BE.p).norm();
+        let command = arm.command(Some(&target));
+        let off = (asked.X_BE.p - model.forward_kinematics(&arm.q).p).norm();
         let is_said = command.session.unwrap().reason == REASON_FOLLOWING;
         (farthest, untrue) = (
             farthest.max(off),
             untrue + usize::from(off > 0.012 && is_said),
         );
-        (q, qdot) = (controller.state.targets.q, controller.state.targets.qdot);
+        let reference = arm.controller.state.targets;
+        (arm.q, arm.qdot) = (reference.q, reference.qdot);
     }
     (farthest, untrue)
 }
@@ -447,22 +433,15 @@ fn an_arm_that_is_not_where_it_should_be_is_not_said_to_follow() {
 
 /// A PUMA in wrist lock, 5 mm above a spring of 20 N/mm, under a target for so many s: the mean and the largest error of the force in the last second, N, how
 /// far the hand has gone, m, and the session's state.
-fn pressed(force: [f64; 3], seconds: f64) -> (f64, f64, nalgebra::Vector3<f64>, ServoState) {
+fn pressed(force: [f64; 3], seconds: f64) -> (f64, f64, Vector3, ServoState) {
     let start = "q_deg = [10, -40, 25, 20, 0, 60]\n[servo]\nduration_s = 60.0\n[[plant.surface]]\npoint_m = [0, 0, 0]";
     let text = format!("name = \"t\"\nrobot = \"puma560\"\n[start]\n{start}\n");
-    let scenario = Scenario::parse("t.toml", &text, &[]).unwrap();
-    let (robot, dt) = (robot("puma560"), scenario.dt_s());
-    let model = Model::<6>::new(robot, None).unwrap();
-    let mut q = start_posture::<6>(robot, &scenario).unwrap();
-    let mut qdot = SVector::<f64, 6>::zeros();
-    let mut analyzer = Analyzer::new(robot, &scenario.analysis);
-    let mut controller = Controller::new(model.clone(), robot, &scenario, q).unwrap();
-    let begun = model.forward_kinematics(&q).p;
-    let ticks = (seconds / dt) as u64;
+    let mut arm = Bench::<6>::new(&text);
+    let begun = arm.model.forward_kinematics(&arm.q).p;
+    let ticks = (seconds * 1000.0) as u64;
     let (mut sum, mut most, mut state) = (0.0, 0.0_f64, ServoState::default());
     for tick in 0..ticks {
-        let terms = model.evaluate(&q, &qdot);
-        let depth = begun.z - 0.005 - terms.X_BE.p.z;
+        let depth = begun.z - 0.005 - arm.model.forward_kinematics(&arm.q).p.z;
         let wrist = Vector6::z() * (2e4 * depth.max(0.0));
         let target = TargetContent {
             kind: TARGET_TWIST,
@@ -472,26 +451,15 @@ fn pressed(force: [f64; 3], seconds: f64) -> (f64, f64, nalgebra::Vector3<f64>, 
             force,
             ..Default::default()
         };
-        let command = controller.step(&Inputs {
-            tick,
-            q: &q,
-            qdot: &qdot,
-            tau_disturbance: &SVector::zeros(),
-            wrist: Some(&wrist),
-            report: &analyzer.step(&q, &qdot, &terms),
-            terms: Some(&terms),
-            target: Some(&target),
-        });
+        let command = arm.pressed(Some(&wrist), Some(&target));
         state = command.session.unwrap();
-        let contact = terms.J.tr_mul(&wrist);
-        qdot += terms.qddot(&(command.tau + contact)) * dt;
-        q += qdot * dt;
+        arm.moves(&(command.tau + arm.model.jacobian(&arm.q).tr_mul(&wrist)));
         if tick + 1000 >= ticks {
             let error = (wrist.z - 10.0).abs();
             (sum, most) = (sum + error, most.max(error));
         }
     }
-    let gone = model.forward_kinematics(&q).p - begun;
+    let gone = arm.model.forward_kinematics(&arm.q).p - begun;
     (sum / 1000.0, most, gone, state)
 }
 

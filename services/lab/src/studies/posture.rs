@@ -72,7 +72,7 @@ fn at<const N: usize>(
     let found = Analyzer::new(robot, &scenario.analysis).step(&q_vector, &qdot_vector, &terms);
     let mut report = SingularityReport::default();
     wire::report_message(0, &found, &mut report);
-    let at_centre = AtCentre::new(&terms, &report.p_BC.into(), &terms.omega[N - 1]);
+    let at_centre = AtCentre::new(&terms, &report.p_BC.into());
     let scaled = unit_scaled(&at_centre.J, report.length_m, &robot.task.0);
     let scaled = DMatrix::from_column_slice(6, N, scaled.as_slice());
     let J = DMatrix::from_fn(6, n, |row, column| terms.J[(row, column)]);

@@ -1,6 +1,7 @@
 //! Self-motion at one pose: the arm moves, the end-effector stands still.
 
 use super::*;
+use crate::linear::Joints;
 
 /// Share of the path's direction that is lost: at a step of the self-motion beside which its least value is looked for, at a neighbour of that step at
 /// least, and where it counts as none.
@@ -15,20 +16,20 @@ pub(super) struct AtRest<'a, const N: usize> {
     /// The node it follows on.
     pub(super) node: usize,
     /// The posture it starts from: the node's, or the lock beside it.
-    pub(super) q: SVector<f64, N>,
+    pub(super) q: Joints<N>,
     /// Direction of the joints' motion.
-    pub(super) v: SVector<f64, N>,
+    pub(super) v: Joints<N>,
     /// The pose of C, which rests.
     pub(super) X: &'a Pose,
     /// Where the path goes on to, as a unit task displacement.
-    pub(super) onwards: &'a Vector6<f64>,
+    pub(super) onwards: &'a Vector6,
     /// Whether every second posture may be left along the path, or only those where the lost direction allows it.
     pub(super) every: bool,
 }
 
 impl<const N: usize> Search<'_, N> {
     /// The part of a task displacement that is lost in this posture.
-    pub(super) fn undone(&self, q: &SVector<f64, N>, onwards: &Vector6<f64>) -> Vector6<f64> {
+    pub(super) fn undone(&self, q: &Joints<N>, onwards: &Vector6) -> Vector6 {
         let spectrum = self.arm.spectrum(q);
         let mut rest = *onwards;
         for k in spectrum.free..N {
@@ -50,7 +51,7 @@ impl<const N: usize> Search<'_, N> {
         t: f64,
     ) -> Vec<usize> {
         let node = from.node;
-        let (zero, start, parent) = (SVector::zeros(), self.nodes[node].q, self.nodes[node].cost);
+        let (zero, start, parent) = (Joints::zeros(), self.nodes[node].q, self.nodes[node].cost);
         // From a posture beside the path the arm moves beside it, and comes back to it on the way on.
         let fit = if from.q == start && self.nodes[node].is_exact {
             Fit::Exact
@@ -63,7 +64,7 @@ impl<const N: usize> Search<'_, N> {
         };
         let mut found = vec![];
         for (q, knots) in self.postures_on(from, leg.from_s + t) {
-            let moved = slowest(&(q - start), &(self.bounds.velocity * SPEED));
+            let moved = largest_share(&(q - start), &(self.velocity * SPEED));
             if let Some(one) = self.push_node(leg, node, knots, &way) {
                 self.nodes[one].cost =
                     parent + STOP_S + 1.875 * moved + self.price(&zero, STOP_S, &q);
@@ -75,7 +76,7 @@ impl<const N: usize> Search<'_, N> {
     }
 
     /// The postures to leave a self-motion from, each with the knots that lead there, all at the time `t` on the path's clock.
-    fn postures_on(&self, from: &AtRest<'_, N>, t: f64) -> Vec<(SVector<f64, N>, Vec<Knot<N>>)> {
+    fn postures_on(&self, from: &AtRest<'_, N>, t: f64) -> Vec<(Joints<N>, Vec<Knot<N>>)> {
         let AtRest {
             X, onwards, every, ..
         } = *from;
@@ -83,7 +84,7 @@ impl<const N: usize> Search<'_, N> {
         let mut undone = self.undone(&at, onwards);
         let mut out = vec![];
         let waits = true;
-        let knot = |q: SVector<f64, N>| Knot { t, q, waits };
+        let knot = |q: Joints<N>| Knot { t, q, waits };
         let mut knots: Vec<Knot<N>> = vec![];
         if from.q != self.nodes[from.node].q {
             knots.push(knot(from.q));
@@ -136,7 +137,7 @@ impl<const N: usize> Search<'_, N> {
     }
 
     /// The measure of a second direction, which may be lost on the way: where the rank falls further, a fold may open.
-    fn second(&self, q: &SVector<f64, N>) -> f64 {
+    fn second(&self, q: &Joints<N>) -> f64 {
         let Spectrum { sigma, free, .. } = self.arm.spectrum(q);
         sigma.get(free + 1).copied().unwrap_or(1.0)
     }
@@ -145,10 +146,10 @@ impl<const N: usize> Search<'_, N> {
     fn opening(
         &self,
         from: &AtRest<'_, N>,
-        at: &SVector<f64, N>,
-        [before, after]: [&SVector<f64, N>; 2],
+        at: &Joints<N>,
+        [before, after]: [&Joints<N>; 2],
         falls: bool,
-    ) -> Option<SVector<f64, N>> {
+    ) -> Option<Joints<N>> {
         self.spent.set(self.spent.get() + 80);
         let there = |x: f64| {
             let by = if x < 0.0 {
@@ -158,19 +159,19 @@ impl<const N: usize> Search<'_, N> {
             };
             self.arm.at_rest(from.X, &(at + by)).0
         };
-        let left = |q: &SVector<f64, N>| self.undone(q, from.onwards).norm();
-        let measure = |q: &SVector<f64, N>| if falls { self.second(q) } else { left(q) };
+        let left = |q: &Joints<N>| self.undone(q, from.onwards).norm();
+        let measure = |q: &Joints<N>| if falls { self.second(q) } else { left(q) };
         let q = there(lowest((-1.0, 1.0), 40, |x| measure(&there(x))));
         (falls || left(&q) < TOUCHING.2).then_some(q)
     }
 
     /// Whether a self-motion is back where it began after `k` strides: a full turn is another posture where a joint has limits.
-    fn comes_round(&self, at: &SVector<f64, N>, from: &SVector<f64, N>, k: u32) -> bool {
+    fn comes_round(&self, at: &Joints<N>, from: &Joints<N>, k: u32) -> bool {
         use std::f64::consts::TAU;
-        let by = at - from;
+        let (by, (lower, upper)) = (at - from, self.range());
         k > 5
             && (0..N).all(|i| {
-                let is_endless = self.bounds.upper[i] - self.bounds.lower[i] > 1e3;
+                let is_endless = upper[i] - lower[i] > 1e3;
                 let turns = if is_endless {
                     libm::round(by[i] / TAU)
                 } else {
@@ -184,9 +185,9 @@ impl<const N: usize> Search<'_, N> {
     fn between(
         &self,
         from: &AtRest<'_, N>,
-        (at, dq): (&SVector<f64, N>, &SVector<f64, N>),
-        (undone, half): (&Vector6<f64>, usize),
-    ) -> SVector<f64, N> {
+        (at, dq): (&Joints<N>, &Joints<N>),
+        (undone, half): (&Vector6, usize),
+    ) -> Joints<N> {
         self.spent.set(self.spent.get() + 24);
         let there = |x: f64| self.arm.at_rest(from.X, &(at + dq * x)).0;
         let (mut low, mut high) = (0.0, 1.0);

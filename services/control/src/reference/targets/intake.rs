@@ -1,9 +1,10 @@
 //! The check of a target, and the twist that it asks for.
 
-use crate::linear::{angular, linear, rotation_exp, rotation_log, stack};
+use crate::linear::{
+    Matrix3, Vector3, Vector6, angular, linear, rotation_exp, rotation_log, rotation_of, stack,
+};
 use crate::types::Report;
 use model::Pose;
-use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3, Vector6};
 use shared_types::TargetContent;
 use shared_types::codes::{
     FRAME_BASE, FRAME_HAND, FRAME_SINGULAR, SIDE_POSITIVE, TARGET_END, TARGET_NONE, TARGET_POSE,
@@ -83,20 +84,19 @@ pub fn check(target: &TargetContent, tick: u64, dof: usize) -> Result<(), u32> {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Wish {
     /// Twist of E within the session's speed, base axes; m/s, rad/s.
-    pub V: Vector6<f64>,
+    pub V: Vector6,
     /// The same before that.
-    pub asked: Vector6<f64>,
+    pub asked: Vector6,
     /// Position of E that is asked for, m.
-    pub p: Vector3<f64>,
+    pub p: Vector3,
     /// The pose asked for is this far from the reference; rotation vector, m and rad.
-    pub off: Vector6<f64>,
+    pub off: Vector6,
     /// The target is older than its validity.
     pub stale: bool,
 }
 
 impl Wish {
     /// Nothing, in the pose `X`.
-    #[must_use]
     pub fn rest(X: &Pose) -> Self {
         Self {
             p: X.p,
@@ -109,7 +109,6 @@ impl Wish {
 ///
 /// Frames: `X` is the reference's pose in B; the singular frame is that of the singularity nearest to its neighbourhood. Requires a target that
 /// [`check`] accepts.
-#[must_use]
 pub fn wish<const N: usize>(
     target: &TargetContent,
     age_s: f64,
@@ -136,12 +135,8 @@ pub fn wish<const N: usize>(
             }
         }
         TARGET_POSE => {
-            let [w, x, y, z] = target.quaternion;
-            let given_R = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
-                .to_rotation_matrix()
-                .into_inner();
             // It has moved on with its twist since it was given.
-            let R = rotation_exp(&(angular(&given) * age_s)) * given_R;
+            let R = rotation_exp(&(angular(&given) * age_s)) * rotation_of(target.quaternion);
             let p = Vector3::from(target.position) + linear(&given) * age_s;
             let off = stack(&(p - X.p), &rotation_log(&(R * X.R.transpose())));
             let way = towards(&linear(&off), session.acceleration_m_s2);
@@ -161,7 +156,6 @@ pub fn wish<const N: usize>(
 }
 
 /// The place of the singularity nearest to its neighbourhood, and |s|/η_out there.
-#[must_use]
 pub fn nearest<const N: usize>(report: &Report<N>) -> Option<(usize, f64)> {
     let openness = report
         .listed()
@@ -171,7 +165,7 @@ pub fn nearest<const N: usize>(report: &Report<N>) -> Option<(usize, f64)> {
     openness.min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
-fn axes<const N: usize>(frame: u32, X: &Pose, report: &Report<N>) -> Matrix3<f64> {
+fn axes<const N: usize>(frame: u32, X: &Pose, report: &Report<N>) -> Matrix3 {
     match (frame, nearest(report)) {
         (FRAME_HAND, _) => X.R,
         (FRAME_SINGULAR, Some((place, _))) => report.singularities[place].R_BS,
@@ -180,7 +174,7 @@ fn axes<const N: usize>(frame: u32, X: &Pose, report: &Report<N>) -> Matrix3<f64
 }
 
 /// The speed at which an error is removed: proportional when small, and so that `acceleration` can stop it.
-fn towards(error: &Vector3<f64>, acceleration: f64) -> Vector3<f64> {
+fn towards(error: &Vector3, acceleration: f64) -> Vector3 {
     let size = error.norm();
     if size < 1e-12 {
         Vector3::zeros()
@@ -190,7 +184,7 @@ fn towards(error: &Vector3<f64>, acceleration: f64) -> Vector3<f64> {
 }
 
 /// A twist within the session's speed, its direction kept.
-fn bounded(V: &Vector6<f64>, session: &Servo) -> Vector6<f64> {
+fn bounded(V: &Vector6, session: &Servo) -> Vector6 {
     let share = (linear(V).norm() / session.speed_m_s).max(angular(V).norm() / session.speed_rad_s);
     V / share.max(1.0)
 }

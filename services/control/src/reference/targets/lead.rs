@@ -3,11 +3,10 @@
 //! Along a singular direction inside its neighbourhood D_si the reference leads: its lead is what a fold opens by, and what it slides along. Elsewhere,
 //! and orthogonal to the singular directions, it is never further away than the accuracy asked for.
 
-use crate::linear::{angular, linear, rotation_exp, smoothstep, stack};
+use crate::linear::{Vector3, Vector6, angular, linear, rotation_exp, served, smoothstep, stack};
 use crate::reference::free_axis::{free_axis, rotation_error};
 use crate::types::Report;
 use model::Pose;
-use nalgebra::{Vector3, Vector6};
 
 /// Longest distance orthogonal to the singular directions, and along them, m: ten times the error of tracking, and little to come back from.
 const ACROSS_M: f64 = 0.0003;
@@ -22,24 +21,22 @@ const SATURATING: f64 = 0.5;
 /// The lead at a tick: the error orthogonal to the singular directions, along them, and of orientation; each with its longest length.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lead {
-    parts: [(Vector3<f64>, f64); 3],
+    parts: [(Vector3, f64); 3],
     /// How near it is to its bound, 0 to 1: 1 at the bound.
     pub saturation: f64,
 }
 
 impl Lead {
     /// Between the reference and the arm, whose singularities are those of `report`, in the directions that the `task` serves.
-    #[must_use]
     pub fn between<const N: usize>(
         reference: &Pose,
         arm: &Pose,
         report: &Report<N>,
         task: &[bool; 6],
     ) -> Self {
-        let served = |v: Vector3<f64>, first: usize| {
-            Vector3::from_fn(|k, _| if task[first + k] { v[k] } else { 0.0 })
-        };
-        let error = served(reference.p - arm.p, 0);
+        let turn = rotation_error(&reference.R, &arm.R, free_axis(task).as_ref());
+        let off = served(task, &stack(&(reference.p - arm.p), &turn));
+        let (error, turn) = (linear(&off), angular(&off));
         let (mut across, mut length) = (error, ACROSS_M);
         for s in report.listed().iter().filter(|s| s.inside) {
             let axis = linear(&s.zeta_B);
@@ -47,11 +44,9 @@ impl Lead {
                 continue;
             }
             across -= axis * (axis.dot(&across) / axis.norm_squared());
-            let closed = 1.0 - s.neighborhood().openness(s.s);
+            let closed = 1.0 - s.openness(s.s);
             length = length.max(ACROSS_M + (ALONG_M - ACROSS_M) * closed);
         }
-        let turn = rotation_error(&reference.R, &arm.R, free_axis(task).as_ref());
-        let turn = served(turn, 3);
         let parts = [(across, ACROSS_M), (error - across, length), (turn, ANGLE)];
         Self {
             parts,
@@ -90,7 +85,7 @@ impl Lead {
 
     /// The reference on its way back to the arm, where `V` no longer leads away from it.
     #[must_use]
-    pub fn relax(&self, reference: &Pose, V: &Vector6<f64>, dt: f64) -> Pose {
+    pub fn relax(&self, reference: &Pose, V: &Vector6, dt: f64) -> Pose {
         let [(across, _), (along, _), (turn, _)] = self.parts;
         let mut relaxed = *reference;
         for p in [across, along] {
@@ -106,8 +101,8 @@ impl Lead {
 
     /// A twist without the part that would increase a lead that is near its bound.
     #[must_use]
-    pub fn without_increase(&self, V: &Vector6<f64>) -> Vector6<f64> {
-        let without = |v: Vector3<f64>, part: &(Vector3<f64>, f64)| {
+    pub fn without_increase(&self, V: &Vector6) -> Vector6 {
+        let without = |v: Vector3, part: &(Vector3, f64)| {
             let (error, saturation) = (&part.0, saturation_of(part));
             if saturation > 0.0 {
                 v - error * (v.dot(error).max(0.0) * saturation / error.norm_squared())
@@ -124,7 +119,7 @@ impl Lead {
 }
 
 /// How near one part is to its bound, 0 to 1.
-fn saturation_of((error, length): &(Vector3<f64>, f64)) -> f64 {
+fn saturation_of((error, length): &(Vector3, f64)) -> f64 {
     smoothstep((error.norm() / length - SATURATING) / (1.0 - SATURATING))
 }
 

@@ -4,8 +4,7 @@
 
 use super::state::{Ended, TargetState};
 use crate::controller::Setup;
-use crate::linear::{angular, linear, stack};
-use nalgebra::{SVector, Vector6};
+use crate::linear::{Joints, Vector6, angular, linear, stack};
 
 /// Speed of the reference below which it has come to rest, m/s and rad/s.
 const SLOW: (f64, f64) = (1e-3, 5e-3);
@@ -27,15 +26,15 @@ const DECAY: f64 = 15.0;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Motion<'a, const N: usize> {
     /// Twist asked for, bounded to the session's speed; m/s, rad/s.
-    pub(crate) asked: &'a Vector6<f64>,
+    pub(crate) asked: &'a Vector6,
     /// Twist of the reference arm's hand; m/s, rad/s.
-    pub(crate) V: &'a Vector6<f64>,
+    pub(crate) V: &'a Vector6,
     pub(crate) setup: &'a Setup<N>,
 }
 
 impl<const N: usize> Motion<'_, N> {
     /// A twist in rad/s.
-    fn scaled(&self, V: &Vector6<f64>) -> Vector6<f64> {
+    fn scaled(&self, V: &Vector6) -> Vector6 {
         stack(&(linear(V) / self.setup.length_m), &angular(V))
     }
 }
@@ -79,17 +78,17 @@ impl<const N: usize> TargetState<N> {
 
     /// The acceleration that brings the joints to rest, rad/s².
     #[must_use]
-    pub(crate) fn braking(&self) -> SVector<f64, N> {
+    pub(crate) fn braking(&self) -> Joints<N> {
         self.qdot * -DECAY
     }
 
     /// Whether a motion is asked for: a twist, a force, or a posture.
-    fn asks(&self, asked: &Vector6<f64>) -> bool {
+    fn asks(&self, asked: &Vector6) -> bool {
         *asked != Vector6::zeros() || self.presses || self.is_posture() && self.over.is_none()
     }
 
     /// Whether the hand stands still, and a joint at the end of its range is the reason.
-    fn is_held(&self, asked: &Vector6<f64>, V: &Vector6<f64>, setup: &Setup<N>) -> bool {
+    fn is_held(&self, asked: &Vector6, V: &Vector6, setup: &Setup<N>) -> bool {
         let room = |(i, is_up): (usize, bool)| {
             if is_up {
                 setup.model.upper()[i] - self.q[i]

@@ -2,11 +2,10 @@
 
 use crate::limits::range::{Fastest, STANDING};
 use crate::limits::torque::Sent;
-use crate::linear::{angular, clamp_norm, linear, rotation_exp, stack};
+use crate::linear::{Joints, Matrix3, Vector6, angular, linear, rotation_exp, stack};
 use crate::state::pose;
 use crate::types::Refusal;
 use model::{Pose, joints, padded};
-use nalgebra::{Matrix3, SVector, Vector6};
 use shared_types::checkpoints::ServoCheckpoint;
 use shared_types::codes::{SIDE_NEGATIVE, SIDE_POSITIVE, TARGET_POSTURE};
 use shared_types::scenario::{Scenario, Servo};
@@ -25,7 +24,7 @@ const POSTURE_RISE_S: f64 = 0.3;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ended {
     /// The twist asked for, its linear part over the arm's length; rad/s.
-    pub asked: Vector6<f64>,
+    pub asked: Vector6,
     /// Index of the joint, and whether it is at its upper limit.
     pub joint: (usize, bool),
 }
@@ -64,13 +63,13 @@ pub struct TargetState<const N: usize> {
     /// Pose in B.
     pub X: Pose,
     /// Twist at full clock speed.
-    pub V: Vector6<f64>,
+    pub V: Vector6,
     /// Its change per second of real time.
-    pub a: Vector6<f64>,
+    pub a: Vector6,
     /// Posture of the reference arm, rad.
-    pub q: SVector<f64, N>,
+    pub q: Joints<N>,
     /// Its velocity, rad/s.
-    pub qdot: SVector<f64, N>,
+    pub qdot: Joints<N>,
     /// Its torque.
     pub sent: Sent<N>,
     /// Distance that reach has taken away since the target began, m.
@@ -101,7 +100,6 @@ pub struct TargetState<const N: usize> {
 
 /// A scenario with the session's duration in place of the text of its targets, which another process publishes, and without the rows of its tables,
 /// which the path has.
-#[must_use]
 pub fn without_text(scenario: &Scenario) -> Scenario {
     let mut scenario = scenario.clone();
     if let Some(session) = &mut scenario.servo {
@@ -118,8 +116,7 @@ pub fn without_text(scenario: &Scenario) -> Scenario {
 
 impl<const N: usize> TargetState<N> {
     /// At rest in a posture whose pose is `X`.
-    #[must_use]
-    pub fn at(X: Pose, q: SVector<f64, N>, sent: Sent<N>) -> Self {
+    pub fn at(X: Pose, q: Joints<N>, sent: Sent<N>) -> Self {
         Self {
             held: TargetContent::default(),
             tick: 0,
@@ -128,7 +125,7 @@ impl<const N: usize> TargetState<N> {
             V: Vector6::zeros(),
             a: Vector6::zeros(),
             q,
-            qdot: SVector::zeros(),
+            qdot: Joints::zeros(),
             sent,
             behind_m: 0.0,
             refused: Refused::default(),
@@ -146,26 +143,20 @@ impl<const N: usize> TargetState<N> {
     }
 
     /// Whether the target in force is a posture.
-    #[must_use]
     pub fn is_posture(&self) -> bool {
         self.held.kind == TARGET_POSTURE
     }
 
     /// Whether the reference arm moves joint by joint at this tick, and the law has no part in it.
-    #[must_use]
     pub fn goes_by_joints(&self) -> bool {
         !self.stops.now && (self.resting || self.is_posture())
     }
 
     /// The posture nearest to the one asked for in which every joint can stand, rad; and the first joint whose range it exceeds, and whether upwards.
     #[must_use]
-    pub fn goal(
-        &self,
-        lower: &SVector<f64, N>,
-        upper: &SVector<f64, N>,
-    ) -> (SVector<f64, N>, Option<(usize, bool)>) {
+    pub fn goal(&self, lower: &Joints<N>, upper: &Joints<N>) -> (Joints<N>, Option<(usize, bool)>) {
         let asked = joints::<N>(&self.held.q);
-        let goal = SVector::from_fn(|i, _| {
+        let goal = Joints::from_fn(|i, _| {
             asked[i].clamp(
                 lower[i] + STANDING,
                 (upper[i] - STANDING).max(lower[i] + STANDING),
@@ -176,7 +167,6 @@ impl<const N: usize> TargetState<N> {
     }
 
     /// The side in which a fold is to be left: −1, +1, or 0 to keep.
-    #[must_use]
     pub fn branch(&self) -> i32 {
         i32::from(self.held.side == SIDE_POSITIVE) - i32::from(self.held.side == SIDE_NEGATIVE)
     }
@@ -188,18 +178,18 @@ impl<const N: usize> TargetState<N> {
     }
 
     /// One tick towards the twist `V`: within the session's acceleration, and smooth in it.
-    pub fn turn_to(&mut self, V: &Vector6<f64>, session: &Servo, dt: f64) {
+    pub fn turn_to(&mut self, V: &Vector6, session: &Servo, dt: f64) {
         let wanted = (V - self.V) * GAIN;
         let bounded = stack(
-            &clamp_norm(linear(&wanted), session.acceleration_m_s2),
-            &clamp_norm(angular(&wanted), session.acceleration_rad_s2),
+            &linear(&wanted).cap_magnitude(session.acceleration_m_s2),
+            &angular(&wanted).cap_magnitude(session.acceleration_rad_s2),
         );
         self.a += (bounded - self.a) * (dt / (LAG_S + dt));
     }
 
     /// The reference arm's acceleration towards the posture `goal`, all joints arriving together, rad/s².
     #[must_use]
-    pub fn towards(&self, goal: &SVector<f64, N>, velocity: &SVector<f64, N>) -> SVector<f64, N> {
+    pub fn towards(&self, goal: &Joints<N>, velocity: &Joints<N>) -> Joints<N> {
         let most = |i: usize| POSTURE_SPEED * velocity[i].min(10.0);
         // The slowest joint gives the measure.
         let error = goal - self.q;
@@ -207,14 +197,14 @@ impl<const N: usize> TargetState<N> {
             share.max(POSTURE_GAIN * error[i].abs() / most(i))
         });
         let wanted = error * (POSTURE_GAIN / share.max(1.0));
-        SVector::from_fn(|i, _| {
+        Joints::from_fn(|i, _| {
             let limit = most(i) / POSTURE_RISE_S;
             ((wanted[i] - self.qdot[i]) * GAIN).clamp(-limit, limit)
         })
     }
 
     /// Moves the reference arm on by a tick.
-    pub fn accelerate_arm(&mut self, qddot: &SVector<f64, N>, dt: f64) {
+    pub fn accelerate_arm(&mut self, qddot: &Joints<N>, dt: f64) {
         self.q += self.qdot * dt + qddot * (0.5 * dt * dt);
         self.qdot += qddot * dt;
     }
@@ -232,7 +222,6 @@ impl<const N: usize> TargetState<N> {
     }
 
     /// Writes all of it; the analysis is the controller's.
-    #[must_use]
     pub fn checkpoint(&self) -> ServoCheckpoint {
         let plus_one = |tick: Option<u64>| tick.map_or(0, |tick| tick.saturating_add(1));
         ServoCheckpoint {
@@ -269,8 +258,7 @@ impl<const N: usize> TargetState<N> {
     }
 
     /// The state that [`checkpoint`](Self::checkpoint) has written, its torque within the arm's `limits`, N·m.
-    #[must_use]
-    pub fn restored(from: &ServoCheckpoint, limits: &SVector<f64, N>) -> Self {
+    pub fn restored(from: &ServoCheckpoint, limits: &Joints<N>) -> Self {
         Self {
             held: from.held,
             tick: from.tick,

@@ -12,14 +12,15 @@ use crate::law::force::{self, Forces, Pressing};
 use crate::limits::Parts;
 use crate::limits::range::{self, Fastest};
 use crate::limits::torque::Limited;
-use crate::linear::{angular, linear, rotation_log, smoothstep, stack};
+use crate::linear::{
+    Joints, Matrix3, Vector3, Vector6, angular, is_finite, linear, rotation_log, smoothstep, stack,
+};
 use crate::paper::operational_space::Cholesky;
 use crate::reference::path::{HORIZON_S, Progress};
 use crate::state::State;
 use crate::tick::{self, Inputs};
 use crate::types::{Command, Phase, Refusal, Report};
 use model::{Pose, Terms};
-use nalgebra::{Matrix3, SVector, Vector3, Vector6};
 use shared_types::codes::{
     REASON_EFFORT, REASON_FAST, REASON_FOLLOWING, REASON_HELD, REASON_LIMIT, REASON_OVER,
     REASON_REACH, REASON_RESTING, REASON_SINGULARITY, REASON_STALE, REASON_STOPPED, TARGET_END,
@@ -57,7 +58,7 @@ struct Asked {
     lead: Lead,
     age_s: f64,
     /// How far the hand is behind that of the reference arm, m.
-    behind: Vector3<f64>,
+    behind: Vector3,
     /// Speed of the clock.
     clock: f64,
     /// Whether an auxiliary coordinate moves: ζ turns, or a fold opens.
@@ -102,7 +103,7 @@ impl<const N: usize> Controller<N> {
         let at_reference = Inputs {
             q: &q_r,
             qdot: &qdot_r,
-            tau_disturbance: &SVector::zeros(),
+            tau_disturbance: &Joints::zeros(),
             wrist: None,
             report: &listed,
             ..*inputs
@@ -114,7 +115,7 @@ impl<const N: usize> Controller<N> {
         let qddot_r = self.state.targets.accelerate(&self.setup, &reference);
         let sent = self.state.sent;
         self.follow(inputs, terms, [&q_r, &qdot_r, &qddot_r], &mut command);
-        if !command.tau.iter().all(|x| x.is_finite()) {
+        if !is_finite(&command.tau) {
             // The torque to rest begins at the last one that was sent.
             self.state.sent = sent;
             return self.refuse(inputs.q, inputs.qdot, Refusal::Torque);
@@ -219,23 +220,18 @@ impl<const N: usize> Controller<N> {
         &mut self,
         inputs: &Inputs<'_, N>,
         terms: &Terms<N>,
-        [q_r, qdot_r, qddot_r]: [&SVector<f64, N>; 3],
+        [q_r, qdot_r, qddot_r]: [&Joints<N>; 3],
         command: &mut Command<N>,
     ) {
         let Some(targets) = &self.targets else { return };
         let control = &self.setup.scenario.control;
         let feedback = (q_r - inputs.q) * control.k_p + (qdot_r - inputs.qdot) * control.k_v;
-        let mut bias = terms.bias();
         // Without a sensor the contact is part of the disturbance.
         let bearing = (self.state.force.bearing(terms)).filter(|_| inputs.wrist.is_some());
-        if let Some(bearing) = bearing {
-            bias += bearing;
-        }
-        if control.compensate_disturbance {
-            bias = targets
-                .drives
-                .compensating(bias, inputs.tau_disturbance, &terms.J);
-        }
+        let disturbance = control
+            .compensate_disturbance
+            .then_some(inputs.tau_disturbance);
+        let bias = targets.drives.bias(terms, bearing, disturbance);
         let null = self.state.targets.sent.null;
         let parts = Parts {
             null,
@@ -276,7 +272,7 @@ impl<const N: usize> State<N> {
         session: &Servo,
         reference: &Terms<N>,
         report: &Report<N>,
-        behind: Vector3<f64>,
+        behind: Vector3,
     ) -> Asked {
         let (arm, dt, clock) = (&reference.X_BE, setup.scenario.dt_s(), self.clock.rate);
         let targets = &mut self.targets;
@@ -284,7 +280,7 @@ impl<const N: usize> State<N> {
             (targets.stops.now, self.refusal) = (false, Refusal::None);
             targets.rest_at(*arm);
             self.clock.begin_anew();
-            (self.loops, self.qdot_planned) = (Default::default(), SVector::zeros());
+            (self.loops, self.qdot_planned) = (Default::default(), Joints::zeros());
         }
         let age_s = targets.tick.saturating_sub(targets.held.given_tick) as f64 * dt;
         let press = targets.press(age_s, &setup.forces, &arm.R);
@@ -370,9 +366,9 @@ impl<const N: usize> TargetState<N> {
     fn lead_on(
         &mut self,
         lead: &Lead,
-        V: &Vector6<f64>,
+        V: &Vector6,
         arm: &Pose,
-        behind: &Vector3<f64>,
+        behind: &Vector3,
         session: &Servo,
         dt: f64,
     ) {
@@ -389,9 +385,9 @@ impl<const N: usize> TargetState<N> {
     }
 
     /// The reference arm's acceleration by its torque, within its stops; it moves on by a tick.
-    fn accelerate(&mut self, setup: &Setup<N>, reference: &Terms<N>) -> SVector<f64, N> {
+    fn accelerate(&mut self, setup: &Setup<N>, reference: &Terms<N>) -> Joints<N> {
         let Ok(A) = Cholesky::new(reference.A) else {
-            return SVector::zeros();
+            return Joints::zeros();
         };
         let [whole, path, null] = [
             &(self.sent.tau - reference.bias()),
@@ -430,7 +426,7 @@ impl<const N: usize> TargetState<N> {
         &mut self,
         age_s: f64,
         forces: &'a Forces,
-        R_BE: &Matrix3<f64>,
+        R_BE: &Matrix3,
     ) -> Option<force::Press<'a>> {
         let held = &self.held;
         let is_over = age_s > held.valid_s || self.over.is_some() || self.stops.now;
@@ -533,8 +529,8 @@ impl<const N: usize> TargetState<N> {
     }
 
     /// The share of the twist asked for that the reference moves with, 0 to 1; metres are made radians by the arm's length.
-    fn speed_scale(&self, asked: &Vector6<f64>, clock: f64, length_m: f64) -> f64 {
-        let scaled = |V: &Vector6<f64>| stack(&(linear(V) / length_m), &angular(V));
+    fn speed_scale(&self, asked: &Vector6, clock: f64, length_m: f64) -> f64 {
+        let scaled = |V: &Vector6| stack(&(linear(V) / length_m), &angular(V));
         let (asked, moved) = (scaled(asked), scaled(&(self.V * clock)));
         let size = asked.norm_squared();
         if size < 1e-12 {
@@ -546,7 +542,7 @@ impl<const N: usize> TargetState<N> {
 }
 
 /// A velocity without what would press the arm further against what holds it back: `behind` is how far the hand is behind that of the reference arm, m.
-fn yielding(v: Vector3<f64>, behind: &Vector3<f64>) -> Vector3<f64> {
+fn yielding(v: Vector3, behind: &Vector3) -> Vector3 {
     let size = behind.norm();
     if size <= BEHIND_M.0 {
         return v;
