@@ -25,7 +25,7 @@ use shared_types::graph::Graph;
 use shared_types::scenario::Scenario;
 use shared_types::summary::{BOUNDARY, FAILED, MISSED, REACHED};
 
-use crate::folder::check;
+use crate::end::check;
 use crate::row::Row;
 
 /// The scenario that stands for many lines.
