@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use lab::studies::compare::{self, Compared, Lines, Request, SWEEP};
+use lab::studies::compare::{self, Compared, Law, Lines, Request, SWEEP};
 use session::{Failure, load};
 use shared_types::scenario::Strategy;
 
@@ -61,7 +61,7 @@ pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<bool, Failure
         )));
     }
     if args.race {
-        return race(args, as_json);
+        return race(args, &laws, as_json);
     }
     if args.robot.is_some() && args.scenarios != [SWEEP] {
         return Err(Failure::input(
@@ -113,7 +113,7 @@ fn show_compared(request: &Request<'_>, as_json: bool) -> Result<bool, Failure> 
 }
 
 /// Two laws in one recording.
-fn race(args: &CompareArgs, as_json: bool) -> Result<bool, Failure> {
+fn race(args: &CompareArgs, laws: &[Law], as_json: bool) -> Result<bool, Failure> {
     let ([scenario], [] | [_]) = (&args.scenarios[..], &args.law[..]) else {
         return Err(Failure::input(
             "--race takes one scenario and at most one --law",
@@ -124,7 +124,7 @@ fn race(args: &CompareArgs, as_json: bool) -> Result<bool, Failure> {
             "--race takes a scenario with one path, not the sweep",
         ));
     }
-    let rival = match &compare::laws(&args.law, args.join_limit)?[..] {
+    let rival = match laws {
         [rival] if !args.law.is_empty() => rival.own("--race")?,
         _ => Strategy::DampedLeastSquares,
     };

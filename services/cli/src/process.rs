@@ -77,15 +77,10 @@ fn stand_in(place: &Place) -> Result<(), ProcessError> {
     let name = std::env::var(runtime::PROCESS_VARIABLE).map_err(|_| missing())?;
     let job = std::fs::read(run.join(JOB)).map_err(ProcessError::setup)?;
     let job: Job = serde_json::from_slice(&job).map_err(ProcessError::setup)?;
-    let limit_s = job
-        .graph
-        .process(&name)
-        .map_or(0, |process| process.join_limit_s);
-    let limit_s = if limit_s == 0 {
-        LONGEST_EXTERNAL_START_S
-    } else {
-        limit_s
-    };
+    let own = job.graph.process(&name).map(|process| process.join_limit_s);
+    let limit_s = own
+        .filter(|limit_s| *limit_s > 0)
+        .unwrap_or(LONGEST_EXTERNAL_START_S);
     runtime::stand_in(run, &name, Duration::from_secs(limit_s.into()))
 }
 

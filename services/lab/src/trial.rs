@@ -62,11 +62,6 @@ impl<'a> Trial<'a> {
         }
     }
 
-    /// The same with a plant that is another program's.
-    pub fn on(self, graph: Option<&'a Graph>) -> Self {
-        Self { graph, ..self }
-    }
-
     /// Runs it on one thread: the same bytes on every topic as in five processes. With a graph, in its processes.
     ///
     /// # Errors

@@ -88,7 +88,7 @@ pub fn cycle(samples: u64, only: &Only<'_>, observer: Observer<'_>) -> Result<Ve
 
 /// Rows of one bench, by placement and the topics of a ring, with their ratios to the futex among them; a trip counts as so many hand-overs.
 fn measure<const N: usize>(
-    bench: &str,
+    bench: &'static str,
     rings: &[[&str; N]],
     hand_overs: u32,
     samples: u64,
@@ -117,9 +117,9 @@ fn measure<const N: usize>(
                 (of(&baseline) > 0.0).then(|| of(times) / of(&baseline))
             };
             let row = |(mechanism, times): (Mechanism, Distribution)| Row {
-                bench: bench.to_owned(),
+                bench,
                 mechanism: mechanism.name().to_owned(),
-                placement: placement.to_owned(),
+                placement,
                 payload_bytes: bytes,
                 ratio_p50: ratio(&times, |times| times.p50_us),
                 ratio_p99: ratio(&times, |times| times.p99_us),

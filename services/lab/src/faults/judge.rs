@@ -320,18 +320,8 @@ impl Stage<'_> {
         let settled_ms = first
             .and_then(|at| settled(truth, at))
             .map(|ticks| ticks as f64 * 1e3 / ran.rate_hz());
-        let excursion = Excursion {
-            excursion_max_rad: farthest(&base.truth, truth, joints_apart),
-            excursion_max_mm: 1e3 * farthest(&base.truth, truth, hands_apart),
-            excursion_allowed_rad: joint,
-            excursion_allowed_mm: hand,
-            settled_ms,
-        };
-        let Excursion {
-            excursion_max_rad: rad,
-            excursion_max_mm: mm,
-            ..
-        } = excursion;
+        let rad = farthest(&base.truth, truth, joints_apart);
+        let mm = 1e3 * farthest(&base.truth, truth, hands_apart);
         verdict.unless(
             rad <= joint,
             "joint-excursion",
@@ -348,7 +338,13 @@ impl Stage<'_> {
             "settled",
             format_args!("no rest for {late_ms:.0} ms"),
         );
-        Ok(excursion)
+        Ok(Excursion {
+            excursion_max_rad: rad,
+            excursion_max_mm: mm,
+            excursion_allowed_rad: joint,
+            excursion_allowed_mm: hand,
+            settled_ms,
+        })
     }
 }
 

@@ -3,7 +3,7 @@
 use launcher::{Failure as Mishap, Outcome};
 use model::Robot;
 use recorder::{Contents, RecordReader};
-use runtime::{ControlPage, RunDir, random};
+use runtime::{ControlPage, Counts, RunDir, random};
 use serde::Serialize;
 use session::{Failure, Results};
 use shared_types::fault::Fault;
@@ -87,36 +87,25 @@ pub struct Messages {
     pub lost: u64,
 }
 
-impl Messages {
-    pub(super) fn of(sent: u64, taken_in: u64, refused: u64, fenced: u64) -> Self {
-        let lost = if taken_in == 0 {
-            0
-        } else {
-            sent.saturating_sub(taken_in + refused + fenced)
-        };
-        Self {
-            sent,
-            taken_in,
-            refused,
-            fenced,
-            lost,
-        }
-    }
-}
-
 /// The messages that the processes of a run have counted.
 fn counted(outcome: &Outcome, taken_in: u64) -> Messages {
-    let recorder = outcome
-        .processes
-        .iter()
-        .find(|one| one.name == Program::Recorder.name());
-    let counts = recorder.map(|one| one.counts).unwrap_or_default();
-    let sent = outcome
-        .processes
-        .iter()
-        .map(|process| process.counts.sent)
-        .sum();
-    Messages::of(sent, taken_in, counts.refused, counts.fenced)
+    let mut processes = outcome.processes.iter();
+    let sent = processes.clone().map(|process| process.counts.sent).sum();
+    let recorder = processes.find(|one| one.name == Program::Recorder.name());
+    let Counts {
+        refused, fenced, ..
+    } = recorder.map(|one| one.counts).unwrap_or_default();
+    let lost = match taken_in {
+        0 => 0,
+        _ => u64::saturating_sub(sent, taken_in + refused + fenced),
+    };
+    Messages {
+        sent,
+        taken_in,
+        refused,
+        fenced,
+        lost,
+    }
 }
 
 fn request(page: &ControlPage, job: &Job, live: &[Fault]) -> Result<(), Failure> {

@@ -47,7 +47,11 @@ fn judged(corrupt: impl Fn(&mut Ran)) -> Vec<&'static str> {
             ticks: 10_000,
             ..Summary::default()
         },
-        messages: Messages::of(50_000, 50_000, 0, 0),
+        messages: Messages {
+            sent: 50_000,
+            taken_in: 50_000,
+            ..Messages::default()
+        },
         truth: (0..100)
             .map(|tick| state(tick, 0.0, DRIVE_ACTIVE))
             .collect(),

@@ -314,7 +314,10 @@ fn run(robot: &Robot, law: &Law, graph: Option<&Graph>, task: &Drawn, plans: boo
         outcome,
         reason,
         planning_ms,
-        score: result.ok().map(|row| law.named(row)),
+        score: result.ok().map(|row| Row {
+            law: law.name().to_owned(),
+            ..row
+        }),
     }
 }
 
