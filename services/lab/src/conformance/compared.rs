@@ -182,14 +182,6 @@ impl Place {
             difference,
         }
     }
-
-    /// The same of a run by its number, from 1.
-    pub(super) fn in_run(self, number: usize) -> Self {
-        Self {
-            run: Some(number),
-            ..self
-        }
-    }
 }
 
 impl std::fmt::Display for Place {

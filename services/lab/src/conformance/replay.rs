@@ -93,9 +93,7 @@ impl Replayed {
         // The last messages of the topics of a cut run do not end at one tick.
         (self.is_cut || self.without_input == 0) && self.damage.is_empty() && self.ended.is_empty()
     }
-}
 
-impl Replayed {
     /// A row for each field that differs.
     fn differences(&self) -> Fitted {
         let mut rows = table(&[

@@ -111,7 +111,8 @@ pub fn verify(request: &Request<'_>, observer: Observer<'_>) -> Result<Verified,
                 None => record_on_one_thread(folder.path(), &job, robot)?,
             };
             let place = first_place(&expected, &record_of(&job.out, &job)?)?;
-            difference = place.map(|place| place.in_run(index + 1));
+            let run = Some(index + 1);
+            difference = place.map(|place| Place { run, ..place });
         }
         let is_reference = index == 0 && needs_processes.is_some();
         if request.out.is_none() && !is_reference && !differs {
