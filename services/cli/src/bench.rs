@@ -1,10 +1,9 @@
 //! `armplane bench`: what a hand-over, a cycle and a step cost here, beside baseline transports of the machine.
 
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 use clap::{Args, ValueEnum};
-use lab::benchmarks::{self, Lockstep, Only, Row, Rows};
+use lab::benchmarks::{self, Only, Rows};
 use serde_json::json;
 use session::{Failure, Results};
 
@@ -55,14 +54,7 @@ pub(crate) enum Bench {
     Lockstep,
 }
 
-/// Everything that was measured.
-#[derive(Default)]
-struct Measured {
-    rows: Vec<Row>,
-    lockstep: Option<Lockstep>,
-}
-
-pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure> {
+pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<bool, Failure> {
     if args.only.iter().any(|word| word.trim().is_empty()) {
         return Err(Failure::input(
             "--only needs a word or a number of bytes, as in --only \"same core\" --only topic",
@@ -72,16 +64,23 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
     let out = out
         .map(|out| Results::create(Some(out), "bench"))
         .transpose()?;
-    let mut measured = Measured::default();
+    let (samples, only, against) = (args.samples, Only(&args.only), args.against.as_deref());
+    let (mut rows, mut lockstep) = (Vec::new(), None);
     for bench in Bench::value_variants() {
-        let is_usual = args.what.is_empty() && *bench != Bench::Lockstep;
-        if is_usual
-            || args.what.contains(bench)
-            || *bench == Bench::Lockstep && args.against.is_some()
-        {
-            measured.measure(*bench, args)?;
+        let is_usual = match bench {
+            Bench::Lockstep => against.is_some(),
+            _ => args.what.is_empty(),
+        };
+        match bench {
+            _ if !is_usual && !args.what.contains(bench) => {}
+            Bench::Hop => rows.extend(benchmarks::hop(samples, &only, &observe)?),
+            Bench::Cycle => rows.extend(benchmarks::cycle(samples, &only, &observe)?),
+            Bench::Steps => rows.extend(benchmarks::steps()?),
+            Bench::Lockstep => {
+                lockstep = Some(benchmarks::lockstep(args.runs, against, &observe)?);
+            }
         }
-        if *bench == Bench::Cycle && measured.rows.is_empty() && !args.only.is_empty() {
+        if *bench == Bench::Cycle && rows.is_empty() && !args.only.is_empty() {
             return Err(Failure::Input(format!(
                 "no row of `hop` or `cycle` matches --only {}: run without it to see all rows",
                 args.only.join(" --only ")
@@ -90,46 +89,27 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
     }
     let machine = benchmarks::machine();
     let line = benchmarks::machine_line(&machine);
-    let whole = json!({
-        "machine": machine, "rows": measured.rows, "lockstep": measured.lockstep,
-    });
+    let whole = json!({"machine": machine, "rows": rows, "lockstep": lockstep});
     if let Some(out) = &out {
         out.save("bench.json", &whole)?;
     }
     if as_json {
         say!("{whole}");
-        return Ok(ExitCode::SUCCESS);
+        return Ok(true);
     }
-    if !measured.rows.is_empty() {
-        show(&Rows(&measured.rows));
+    if !rows.is_empty() {
+        show(&Rows(&rows));
     }
-    measured.lockstep.iter().for_each(show);
+    lockstep.iter().for_each(show);
     say!("{line}");
     if let Some(out) = &out {
         say!("{}", out.folder.join("bench.json").display());
     }
-    Ok(ExitCode::SUCCESS)
-}
-
-impl Measured {
-    fn measure(&mut self, bench: Bench, args: &BenchArgs) -> Result<(), Failure> {
-        let (samples, only) = (args.samples, Only(&args.only));
-        self.rows.extend(match bench {
-            Bench::Hop => benchmarks::hop(samples, &only, &observe)?,
-            Bench::Cycle => benchmarks::cycle(samples, &only, &observe)?,
-            Bench::Steps => benchmarks::steps()?,
-            Bench::Lockstep => {
-                let against = args.against.as_deref();
-                self.lockstep = Some(benchmarks::lockstep(args.runs, against, &observe)?);
-                Vec::new()
-            }
-        });
-        Ok(())
-    }
+    Ok(true)
 }
 
 /// Takes part in a ring.
-pub(crate) fn peer(args: &BenchPeerArgs) -> Result<ExitCode, Failure> {
+pub(crate) fn peer(args: &BenchPeerArgs) -> Result<bool, Failure> {
     benchmarks::peer(&args.name, &args.run).map_err(Failure::work)?;
-    Ok(ExitCode::SUCCESS)
+    Ok(true)
 }

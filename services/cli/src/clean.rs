@@ -1,14 +1,12 @@
 //! `armplane clean`.
 
-use std::process::ExitCode;
-
 use launcher::folders::remove_abandoned;
 use serde_json::json;
 
 use crate::out::say;
 use session::Failure;
 
-pub(crate) fn clean(as_json: bool) -> Result<ExitCode, Failure> {
+pub(crate) fn clean(as_json: bool) -> Result<bool, Failure> {
     let removed = launcher::clean().map_err(Failure::work)?;
     let folders = remove_abandoned().map_err(Failure::work)?;
     if as_json {
@@ -36,5 +34,5 @@ pub(crate) fn clean(as_json: bool) -> Result<ExitCode, Failure> {
             );
         }
     }
-    Ok(ExitCode::SUCCESS)
+    Ok(true)
 }

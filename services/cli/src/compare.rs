@@ -1,10 +1,9 @@
 //! `armplane compare`: every control law on the same plant, seed and task, side by side.
 
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 use clap::Args;
-use lab::studies::compare::{self, Compared, Lines, Request, SWEEP};
+use lab::studies::compare::{self, Compared, Law, Lines, Request, SWEEP};
 use session::{Failure, load};
 use shared_types::scenario::Strategy;
 
@@ -53,7 +52,7 @@ pub(crate) struct CompareArgs {
     race: bool,
 }
 
-pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Failure> {
+pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<bool, Failure> {
     let laws = compare::laws(&args.law, args.join_limit)?;
     if !(args.speed.is_finite() && args.speed > 0.0) {
         return Err(Failure::Input(format!(
@@ -62,7 +61,7 @@ pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Fai
         )));
     }
     if args.race {
-        return race(args, as_json);
+        return race(args, &laws, as_json);
     }
     if args.robot.is_some() && args.scenarios != [SWEEP] {
         return Err(Failure::input(
@@ -90,7 +89,7 @@ pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Fai
 }
 
 /// Runs what is to be compared, and shows each table as soon as it is there.
-fn show_compared(request: &Request<'_>, as_json: bool) -> Result<ExitCode, Failure> {
+fn show_compared(request: &Request<'_>, as_json: bool) -> Result<bool, Failure> {
     let (mut unreached, mut failed) = (0, 0);
     let mut each = |compared: &Compared| {
         failed += compared.failed() as u64;
@@ -114,7 +113,7 @@ fn show_compared(request: &Request<'_>, as_json: bool) -> Result<ExitCode, Failu
 }
 
 /// Two laws in one recording.
-fn race(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Failure> {
+fn race(args: &CompareArgs, laws: &[Law], as_json: bool) -> Result<bool, Failure> {
     let ([scenario], [] | [_]) = (&args.scenarios[..], &args.law[..]) else {
         return Err(Failure::input(
             "--race takes one scenario and at most one --law",
@@ -125,7 +124,7 @@ fn race(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Failure> {
             "--race takes a scenario with one path, not the sweep",
         ));
     }
-    let rival = match &compare::laws(&args.law, args.join_limit)?[..] {
+    let rival = match laws {
         [rival] if !args.law.is_empty() => rival.own("--race")?,
         _ => Strategy::DampedLeastSquares,
     };
@@ -139,7 +138,7 @@ fn race(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Failure> {
     )?;
     if as_json {
         say_json(&race)?;
-        return Ok(ExitCode::SUCCESS);
+        return Ok(true);
     }
     show(&race);
     say!(
@@ -147,5 +146,5 @@ fn race(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Failure> {
         race.folder.display(),
         race.folder.display()
     );
-    Ok(ExitCode::SUCCESS)
+    Ok(true)
 }

@@ -1,13 +1,11 @@
 //! `armplane diff`: what differs between two runs.
 
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 use clap::Args;
-use serde_json::json;
 use session::Failure;
 
-use crate::out::{answer, passed};
+use crate::out::answer;
 
 #[derive(Args)]
 pub(crate) struct DiffArgs {
@@ -19,8 +17,8 @@ pub(crate) struct DiffArgs {
     second: PathBuf,
 }
 
-pub(crate) fn diff(args: &DiffArgs, as_json: bool) -> Result<ExitCode, Failure> {
+pub(crate) fn diff(args: &DiffArgs, as_json: bool) -> Result<bool, Failure> {
     let differing = lab::conformance::diff([&args.first, &args.second])?;
-    answer(as_json, &json!(differing), &differing);
-    passed(differing.same)
+    answer(as_json, &differing, &differing);
+    Ok(differing.same)
 }

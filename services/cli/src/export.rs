@@ -1,7 +1,6 @@
 //! `armplane export`: a run's numbers and events for other tools, its recording and its layout for the viewer.
 
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 use clap::{Args, ValueEnum};
 use session::table::size;
@@ -40,7 +39,7 @@ enum ExportFormat {
     Rbl,
 }
 
-pub(crate) fn export(args: &ExportArgs, as_json: bool) -> Result<ExitCode, Failure> {
+pub(crate) fn export(args: &ExportArgs, as_json: bool) -> Result<bool, Failure> {
     let run = Run::find(args.run.as_deref())?;
     let out = args.out.clone().unwrap_or_else(|| run.folder.clone());
     let form = match args.format {

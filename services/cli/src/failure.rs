@@ -74,12 +74,12 @@ fn tell_sentence(text: &str) {
 /// Prints what is wrong with a command's arguments, or the help that was asked for.
 pub(crate) fn usage(error: &clap::Error, command: &clap::Command) -> ExitCode {
     let code = u8::try_from(error.exit_code()).unwrap_or(2);
-    let words: Vec<String> = std::env::args_os()
-        .skip(1)
-        .map(|word| word.to_string_lossy().into_owned())
-        .collect();
     let is_help = error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand;
     if !is_help && error.use_stderr() {
+        let words = std::env::args_os().skip(1);
+        let words: Vec<String> = words
+            .map(|word| word.to_string_lossy().into_owned())
+            .collect();
         let sentence = usage::sentence(error, command, &words);
         match out::wants_json() {
             true => tell(
@@ -90,9 +90,7 @@ pub(crate) fn usage(error: &clap::Error, command: &clap::Command) -> ExitCode {
         return ExitCode::from(code);
     }
     let styled = error.render();
-    // Codes among the arguments could not be told from ours.
-    let has_codes = words.iter().any(|word| plain(word) != *word);
-    let painted = |is_coloured: bool| match is_coloured && !has_codes {
+    let painted = |is_coloured: bool| match is_coloured {
         true => styled.ansi().to_string(),
         false => plain(&styled.to_string()),
     };

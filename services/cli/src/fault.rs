@@ -1,13 +1,11 @@
 //! `armplane fault`: injects a fault into a running graph.
 
-use std::process::ExitCode;
-
 use clap::Args;
 use serde_json::json;
 use session::{Failure, FaultKinds, inject};
 use shared_types::fault::{Fault, Kind, Way};
 
-use crate::out::{say, say_json, show};
+use crate::out::{answer, say_json, show};
 
 /// A stretch of time as people write it: `100ms`, `0.5s`, or a bare number of ticks.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -81,7 +79,7 @@ pub(crate) struct FaultArgs {
     run: Option<String>,
 }
 
-pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<ExitCode, Failure> {
+pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<bool, Failure> {
     let (Some(process), Some(kind)) = (&args.process, args.kind) else {
         if args.list {
             if as_json {
@@ -89,7 +87,7 @@ pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<ExitCode, Failure
             } else {
                 show(&FaultKinds);
             }
-            return Ok(ExitCode::SUCCESS);
+            return Ok(true);
         }
         return Err(Failure::input(
             "name a process and a kind: armplane fault PROCESS KIND; `armplane fault --list` shows the kinds",
@@ -114,15 +112,12 @@ pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<ExitCode, Failure
         ..Fault::new(process, kind)
     };
     let (living, in_force) = inject(args.run.as_deref(), &fault)?;
-    if as_json {
-        say!(
-            "{}",
-            json!({ "run": living.run, "tick": in_force.at_tick, "fault": in_force })
-        );
-    } else {
-        say!("{in_force} ({living})");
-    }
-    Ok(ExitCode::SUCCESS)
+    answer(
+        as_json,
+        &json!({ "run": living.run, "tick": in_force.at_tick, "fault": in_force }),
+        &format_args!("{in_force} ({living})\n"),
+    );
+    Ok(true)
 }
 
 #[cfg(test)]

@@ -2,7 +2,6 @@
 
 use std::io;
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 
 use clap::{Command, Subcommand, ValueEnum};
 use clap_mangen::Man;
@@ -75,7 +74,7 @@ pub(crate) enum Language {
     Python,
 }
 
-pub(crate) fn generate(what: &Generate, mut command: Command) -> Result<ExitCode, Failure> {
+pub(crate) fn generate(what: &Generate, mut command: Command) -> Result<bool, Failure> {
     let text = match what {
         Generate::Completions { shell } => {
             let mut script = Vec::new();
@@ -93,7 +92,7 @@ pub(crate) fn generate(what: &Generate, mut command: Command) -> Result<ExitCode
                     folder.display()
                 ))
             })?;
-            return Ok(ExitCode::SUCCESS);
+            return Ok(true);
         }
         Generate::Schema { file } => match file {
             Schema::Scenario => session::schema::SCENARIO.to_owned(),
@@ -107,7 +106,7 @@ pub(crate) fn generate(what: &Generate, mut command: Command) -> Result<ExitCode
         },
     };
     show_painted(&format_args!("{}\n", text.trim_end()));
-    Ok(ExitCode::SUCCESS)
+    Ok(true)
 }
 
 /// The page of a command, after those of its subcommands.

@@ -1,10 +1,7 @@
 //! `armplane inspect`: an arm's kinematics, dynamics and singularities at one posture.
 
-use std::process::ExitCode;
-
 use clap::Args;
 use lab::studies::posture::evaluate;
-use lab::studies::posture_text::PostureText;
 use model::Robot;
 use session::{Failure, load};
 use shared_types::scenario::Start;
@@ -52,7 +49,7 @@ pub(crate) struct InspectArgs {
     qdot: Option<Vec<f64>>,
 }
 
-pub(crate) fn inspect(args: &InspectArgs, as_json: bool) -> Result<ExitCode, Failure> {
+pub(crate) fn inspect(args: &InspectArgs, as_json: bool) -> Result<bool, Failure> {
     let (frame, base) = (args.frame.as_deref(), args.base.as_deref());
     let robot = load::robot(&args.robot, None, frame, base)?;
     let q = posture(args, &robot)?;
@@ -66,15 +63,8 @@ pub(crate) fn inspect(args: &InspectArgs, as_json: bool) -> Result<ExitCode, Fai
         )));
     }
     let evaluated = evaluate(&robot, frame, &q, &qdot)?;
-    answer(
-        as_json,
-        &evaluated.json(&robot),
-        &PostureText {
-            posture: &evaluated,
-            robot: &robot,
-        },
-    );
-    Ok(ExitCode::SUCCESS)
+    answer(as_json, &evaluated.json(), &evaluated);
+    Ok(true)
 }
 
 /// The posture asked for: numbers, or a name from the robot's description.

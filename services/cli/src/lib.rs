@@ -1,4 +1,4 @@
-//! The command line of `armplane`: one file per command, which owns its arguments, what it prints, and its exit code.
+//! The command line of `armplane`: one file per command, which owns its arguments, what it prints, and its verdict.
 #![allow(non_snake_case)]
 
 mod bench;
@@ -334,7 +334,10 @@ fn work() -> ExitCode {
         out::start();
     }
     let code = match parsed {
-        Ok(cli) => execute(cli).unwrap_or_else(|failure| failure::report(failure, json)),
+        Ok(cli) => match execute(cli) {
+            Ok(is_good) => ExitCode::from(u8::from(!is_good)),
+            Err(failure) => failure::report(failure, json),
+        },
         Err(error) => failure::usage(&error, &command()),
     };
     // The results are kept: what ends in a moment anyway needs no second Ctrl-C.
@@ -361,7 +364,8 @@ impl Cli {
     }
 }
 
-fn execute(cli: Cli) -> Result<ExitCode, session::Failure> {
+/// Executes a command; its verdict, which is the exit code: 0 if it is good, else 1.
+fn execute(cli: Cli) -> Result<bool, session::Failure> {
     let level = match cli.verbose {
         0 => "warn",
         1 => "info",

@@ -1,13 +1,11 @@
 //! `armplane list`.
 
-use std::process::ExitCode;
-
 use session::{Catalogue, Failure};
 
 use crate::out::answer;
 
-pub(crate) fn list(as_json: bool) -> Result<ExitCode, Failure> {
+pub(crate) fn list(as_json: bool) -> Result<bool, Failure> {
     let catalogue = Catalogue::load()?;
     answer(as_json, &catalogue.json(), &catalogue);
-    Ok(ExitCode::SUCCESS)
+    Ok(true)
 }

@@ -18,7 +18,7 @@ use shared_types::SingularityReport;
 use shared_types::scenario::Servo;
 use shared_types::target_file::{is_head, live};
 
-use crate::out::{Direct, set_status, tell};
+use crate::out::{direct, set_status, tell};
 
 /// Pause between two lines of state.
 const EVERY: Duration = Duration::from_millis(100);
@@ -85,10 +85,7 @@ impl Drop for Panel {
 
 /// The lines of standard input, as they are sent to a run.
 #[derive(Default)]
-pub(crate) struct Lines(Arc<Heard>);
-
-#[derive(Default)]
-struct Heard {
+pub(crate) struct Lines {
     /// Lines that are no target.
     wrong: AtomicU64,
     /// Why there was nothing to follow.
@@ -97,11 +94,15 @@ struct Heard {
 
 impl Lines {
     /// Sends the lines to a run; at the end of input the session ends with its last target.
-    pub(crate) fn send(&self, operator: &OperatorSocket, rate_hz: u32) -> Result<(), Failure> {
-        let heard = Arc::clone(&self.0);
+    pub(crate) fn send(
+        self: &Arc<Self>,
+        operator: &OperatorSocket,
+        rate_hz: u32,
+    ) -> Result<(), Failure> {
+        let heard = Arc::clone(self);
         let socket = UnixDatagram::unbound().map_err(Failure::work)?;
         let operator = operator.clone();
-        let input = BufReader::new(Direct(io::stdin()));
+        let input = BufReader::new(direct(&io::stdin()).map_err(Failure::work)?);
         std::thread::spawn(move || {
             let send = |line: &str| {
                 // The operator makes its socket when it starts.
@@ -117,12 +118,9 @@ impl Lines {
 
     /// The failure of a session whose input was not all targets.
     pub(crate) fn verdict(&self) -> Result<(), Failure> {
-        let lack = self
-            .0
-            .lack
-            .get()
-            .map(|lack| format!("standard input {lack}"));
-        let wrong = self.0.wrong.load(Ordering::Relaxed);
+        let lack = self.lack.get();
+        let lack = lack.map(|lack| format!("standard input {lack}"));
+        let wrong = self.wrong.load(Ordering::Relaxed);
         let wrong = (wrong > 0).then(|| {
             format!(
                 "{} of standard input not understood as targets: see the warnings above",
@@ -132,9 +130,7 @@ impl Lines {
         lack.or(wrong)
             .map_or(Ok(()), |reason| Err(Failure::Work(reason)))
     }
-}
 
-impl Heard {
     fn take(
         &self,
         lines: impl Iterator<Item = io::Result<String>>,

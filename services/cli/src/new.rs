@@ -1,7 +1,6 @@
 //! `armplane new`: a scenario to start from.
 
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 use clap::Args;
 use lab::studies::Shape;
@@ -27,7 +26,7 @@ pub(crate) struct NewArgs {
     path: String,
 }
 
-pub(crate) fn new(args: &NewArgs, as_json: bool) -> Result<ExitCode, Failure> {
+pub(crate) fn new(args: &NewArgs, as_json: bool) -> Result<bool, Failure> {
     let mut shapes = Shape::ALL.into_iter();
     let shape = shapes.find(|(name, _)| *name == args.path);
     let shape = shape.map_or(Shape::default(), |(_, shape)| shape);
@@ -39,5 +38,5 @@ pub(crate) fn new(args: &NewArgs, as_json: bool) -> Result<ExitCode, Failure> {
         notes.iter().for_each(|note| say!("  note: {note}"));
         say!("{path}\n  run it with `armplane run {path}`");
     }
-    Ok(ExitCode::SUCCESS)
+    Ok(true)
 }

@@ -9,10 +9,10 @@
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, VecDeque};
-use std::io::{ErrorKind, IsTerminal, Read, Write, stderr, stdout};
+use std::fs::File;
+use std::io::{ErrorKind, IsTerminal, Write, stderr, stdout};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::path::Path;
-use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
@@ -259,11 +259,12 @@ pub(crate) fn is_coloured(stream: &impl IsTerminal) -> bool {
 
 /// Starts the threads that print; without them, in the processes of a run and where there can be no threads, whoever prints writes.
 pub(crate) fn start() {
-    let streams: [(Stream, Box<dyn Write + Send>); 2] = [
-        (Stream::Out, Box::new(Direct(stdout()))),
-        (Stream::Err, Box::new(Direct(stderr()))),
+    let streams = [
+        (Stream::Out, direct(&stdout())),
+        (Stream::Err, direct(&stderr())),
     ];
     for (stream, to) in streams {
+        let Ok(to) = to else { return };
         let thread = std::thread::Builder::new()
             .name("printer".into())
             .stack_size(128 << 10);
@@ -275,27 +276,13 @@ pub(crate) fn start() {
     let _ = STATE.set(Mutex::new(State::new(stderr().is_terminal())));
 }
 
-/// A descriptor of this process, used directly: the standard library's own streams hide that one cannot be read or written to.
-pub(crate) struct Direct<S>(pub(crate) S);
-
-impl<S: AsFd> Read for Direct<S> {
-    fn read(&mut self, bytes: &mut [u8]) -> std::io::Result<usize> {
-        Ok(rustix::io::read(&self.0, bytes)?)
-    }
-}
-
-impl<S: AsFd> Write for Direct<S> {
-    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-        Ok(rustix::io::write(&self.0, bytes)?)
-    }
-
-    fn flush(&mut self) -> std::io::Result<()> {
-        Ok(())
-    }
+/// A stream of this process as a file: the standard library's own streams hide that one cannot be read or written to.
+pub(crate) fn direct(stream: &impl AsFd) -> std::io::Result<File> {
+    Ok(stream.as_fd().try_clone_to_owned()?.into())
 }
 
 /// Writes what comes for a stream, until the program ends.
-fn print(shared: &Mutex<State>, stream: Stream, mut to: impl Write) {
+fn print(shared: &Mutex<State>, stream: Stream, mut to: File) {
     let mut state = locked(shared);
     loop {
         let Some((mut whole, bytes)) = state.take(stream) else {
@@ -443,22 +430,17 @@ pub(crate) fn say_json(value: &impl serde::Serialize) -> Result<(), Failure> {
 }
 
 /// Prints a result, for machines or for people.
-pub(crate) fn answer(as_json: bool, json: &impl std::fmt::Display, text: &impl std::fmt::Display) {
+pub(crate) fn answer(as_json: bool, json: &impl serde::Serialize, text: &impl std::fmt::Display) {
     if as_json {
-        say!("{json}");
+        say!("{}", serde_json::json!(json));
     } else {
         show(text);
     }
 }
 
-/// The exit code of a command whose work was done, by its verdict.
-pub(crate) fn passed(verdict: bool) -> Result<ExitCode, Failure> {
-    Ok(ExitCode::from(u8::from(!verdict)))
-}
-
-/// The exit code of a command whose results are whole, or its failure for what they lack.
-pub(crate) fn whole(lack: Option<String>) -> Result<ExitCode, Failure> {
-    lack.map_or(Ok(ExitCode::SUCCESS), |lack| Err(Failure::Work(lack)))
+/// The verdict of a command whose results are whole, or its failure for what they lack.
+pub(crate) fn whole(lack: Option<String>) -> Result<bool, Failure> {
+    lack.map_or(Ok(true), |lack| Err(Failure::Work(lack)))
 }
 
 /// Prints what ends its own lines.

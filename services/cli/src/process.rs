@@ -1,7 +1,6 @@
 //! The processes of the graph that this program contains, as the launcher starts them: `armplane plant --run DIR` and so on.
 
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 use std::time::Duration;
 
 use clap::{Args, Subcommand};
@@ -10,8 +9,6 @@ use runtime::{ProcessError, Shell, drive};
 use session::Failure;
 use shared_types::job::{JOB, Job};
 use shared_types::process::Program;
-
-use crate::out::passed;
 
 /// One process of a running graph; the launcher starts these.
 #[derive(Subcommand)]
@@ -50,14 +47,25 @@ pub(crate) struct Place {
 }
 
 /// Takes part in a run.
-pub(crate) fn run(command: &Command) -> Result<ExitCode, Failure> {
-    if let Command::Watch(place) = command {
-        return passed(session::watch(
-            place.run.as_deref().unwrap_or(Path::new(".")),
-        )?);
-    }
-    work(command).map_err(Failure::work)?;
-    Ok(ExitCode::SUCCESS)
+pub(crate) fn run(command: &Command) -> Result<bool, Failure> {
+    let done = match command {
+        Command::Plant(place) => take_part(Some(Program::Plant), place),
+        Command::Estimator(place) => take_part(Some(Program::Estimator), place),
+        Command::Analyzer(place) => take_part(Some(Program::Analyzer), place),
+        Command::Controller(place) => take_part(Some(Program::Controller), place),
+        Command::Recorder(place) => take_part(Some(Program::Recorder), place),
+        Command::Operator(place) => take_part(Some(Program::Operator), place),
+        Command::PlantFci(place) => take_part(None, place),
+        Command::StandIn(place) => stand_in(place),
+        Command::Guard(place) => {
+            place.run.iter().for_each(|run| launcher::guard(run));
+            Ok(())
+        }
+        Command::Watch(place) => {
+            return session::watch(place.run.as_deref().unwrap_or(Path::new(".")));
+        }
+    };
+    done.map(|()| true).map_err(Failure::work)
 }
 
 /// The time that a person has to start a program.
@@ -69,34 +77,15 @@ fn stand_in(place: &Place) -> Result<(), ProcessError> {
     let name = std::env::var(runtime::PROCESS_VARIABLE).map_err(|_| missing())?;
     let job = std::fs::read(run.join(JOB)).map_err(ProcessError::setup)?;
     let job: Job = serde_json::from_slice(&job).map_err(ProcessError::setup)?;
-    let limit_s = job
-        .graph
-        .process(&name)
-        .map_or(0, |process| process.join_limit_s);
-    let limit_s = if limit_s == 0 {
-        LONGEST_EXTERNAL_START_S
-    } else {
-        limit_s
-    };
+    let own = job.graph.process(&name).map(|process| process.join_limit_s);
+    let limit_s = own
+        .filter(|limit_s| *limit_s > 0)
+        .unwrap_or(LONGEST_EXTERNAL_START_S);
     runtime::stand_in(run, &name, Duration::from_secs(limit_s.into()))
 }
 
-fn work(command: &Command) -> Result<(), ProcessError> {
-    let (program, place) = match command {
-        Command::Plant(place) => (Some(Program::Plant), place),
-        Command::Estimator(place) => (Some(Program::Estimator), place),
-        Command::Analyzer(place) => (Some(Program::Analyzer), place),
-        Command::Controller(place) => (Some(Program::Controller), place),
-        Command::Recorder(place) => (Some(Program::Recorder), place),
-        Command::Operator(place) => (Some(Program::Operator), place),
-        Command::PlantFci(place) => (None, place),
-        Command::Guard(place) => {
-            place.run.iter().for_each(|run| launcher::guard(run));
-            return Ok(());
-        }
-        Command::Watch(_) => return Ok(()),
-        Command::StandIn(place) => return stand_in(place),
-    };
+/// One of armplane's programs, or the plant at the address of a robot.
+fn take_part(program: Option<Program>, place: &Place) -> Result<(), ProcessError> {
     let shell = Shell::started(place.run.as_deref(), program.map(Program::name))?;
     let job = shell.job()?;
     let robot = Robot::from_source(&job.robot).map_err(ProcessError::setup)?;

@@ -1,7 +1,6 @@
 //! `armplane recover`: goes on with a run whose launcher was killed, or makes its results.
 
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 use clap::Args;
 use session::Failure;
@@ -20,7 +19,7 @@ pub(crate) struct RecoverArgs {
     only_results: bool,
 }
 
-pub(crate) fn recover(args: &RecoverArgs, form: Form) -> Result<ExitCode, Failure> {
+pub(crate) fn recover(args: &RecoverArgs, form: Form) -> Result<bool, Failure> {
     let remains = session::remains(&args.run)?;
     match remains.ended {
         _ if args.only_results => {}
@@ -33,5 +32,5 @@ pub(crate) fn recover(args: &RecoverArgs, form: Form) -> Result<ExitCode, Failur
     let _signals = session::interrupts()?;
     let summary = session::recover(remains, &observe)?;
     show_run(&summary, &args.run, form)?;
-    session::whole(&summary).map(|()| ExitCode::SUCCESS)
+    session::whole(&summary).map(|()| true)
 }

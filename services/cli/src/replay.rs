@@ -1,13 +1,11 @@
 //! `armplane replay`: recorded inputs, fed to the step of one process again.
 
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 use clap::Args;
-use serde_json::json;
 use session::Failure;
 
-use crate::out::{answer, passed};
+use crate::out::answer;
 use crate::progress::observe;
 
 #[derive(Args)]
@@ -23,9 +21,9 @@ pub(crate) struct ReplayArgs {
     set: Vec<String>,
 }
 
-pub(crate) fn replay(args: &ReplayArgs, as_json: bool) -> Result<ExitCode, Failure> {
+pub(crate) fn replay(args: &ReplayArgs, as_json: bool) -> Result<bool, Failure> {
     let replayed =
         lab::conformance::replay(&args.run, args.process.as_deref(), &args.set, &observe)?;
-    answer(as_json, &json!(replayed), &replayed);
-    passed(replayed.passed())
+    answer(as_json, &replayed, &replayed);
+    Ok(replayed.passed())
 }

@@ -2,14 +2,13 @@
 
 use std::io::Write;
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 use clap::Args;
 use files::Draft;
 use session::table::size;
 use session::{Failure, Run};
 
-use crate::out::{say, whole};
+use crate::out::{answer, whole};
 use crate::progress::observe;
 
 #[derive(Args)]
@@ -22,7 +21,7 @@ pub(crate) struct ReportArgs {
     out: Option<PathBuf>,
 }
 
-pub(crate) fn report(args: &ReportArgs, as_json: bool) -> Result<ExitCode, Failure> {
+pub(crate) fn report(args: &ReportArgs, as_json: bool) -> Result<bool, Failure> {
     let run = Run::find(args.run.as_deref())?;
     let path = args
         .out
@@ -46,14 +45,11 @@ pub(crate) fn report(args: &ReportArgs, as_json: bool) -> Result<ExitCode, Failu
             path.display()
         ))
     })?;
-    if as_json {
-        say!("{}", serde_json::json!({"file": path, "bytes": text.len()}));
-    } else {
-        say!(
-            "{}  {}; open it with any browser",
-            path.display(),
-            size(text.len() as u64)
-        );
-    }
+    let (page, bytes) = (path.display(), size(text.len() as u64));
+    answer(
+        as_json,
+        &serde_json::json!({"file": path, "bytes": text.len()}),
+        &format_args!("{page}  {bytes}; open it with any browser\n"),
+    );
     whole(shortfall)
 }

@@ -1,7 +1,6 @@
 //! `armplane run`: one run, and its summary for people or machines.
 
 use std::path::PathBuf;
-use std::process::ExitCode;
 use std::time::Duration;
 
 use clap::{Parser, ValueEnum};
@@ -9,7 +8,7 @@ use launcher::End;
 use session::{Failure, Finished, Place, Request, load};
 use shared_types::job::Mode;
 
-use crate::out::{Form, passed, show_run, tell};
+use crate::out::{Form, show_run, tell};
 use crate::progress::observe;
 
 #[derive(Parser)]
@@ -84,7 +83,7 @@ impl From<ModeArg> for Mode {
     }
 }
 
-pub(crate) fn run(args: &RunArgs, form: Form) -> Result<ExitCode, Failure> {
+pub(crate) fn run(args: &RunArgs, form: Form) -> Result<bool, Failure> {
     let request = Request {
         scenario: match &args.from {
             Some(place) => place.run.display().to_string(),
@@ -116,8 +115,8 @@ pub(crate) fn run(args: &RunArgs, form: Form) -> Result<ExitCode, Failure> {
     conclude(finished, form)
 }
 
-/// Prints the results of a run; the exit code.
-pub(crate) fn conclude(finished: Finished, form: Form) -> Result<ExitCode, Failure> {
+/// Prints the results of a run; whether it did its task.
+pub(crate) fn conclude(finished: Finished, form: Form) -> Result<bool, Failure> {
     let Finished {
         summary,
         folder,
@@ -137,6 +136,6 @@ pub(crate) fn conclude(finished: Finished, form: Form) -> Result<ExitCode, Failu
             folder.display(),
             summary.reason
         ))),
-        _ => passed(summary.is_success()),
+        _ => Ok(summary.is_success()),
     }
 }

@@ -4,7 +4,7 @@ use std::io::{IsTerminal, Read, Write, stdin, stdout};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
-use session::Failure;
+use session::{Failure, Interrupts};
 
 /// How long a signal may wait.
 const LOOK: Duration = Duration::from_millis(50);
@@ -12,6 +12,8 @@ const LOOK: Duration = Duration::from_millis(50);
 /// The terminal's other screen; the first one is as it was when this is dropped.
 pub(crate) struct Screen {
     keys: Receiver<u8>,
+    /// A signal ends the command, and leaves the terminal as it was.
+    signals: Interrupts,
 }
 
 impl Screen {
@@ -23,6 +25,7 @@ impl Screen {
         if !(stdout().is_terminal() && stdin().is_terminal()) {
             return Ok(None);
         }
+        let signals = session::interrupts()?;
         crossterm::terminal::enable_raw_mode().map_err(Failure::work)?;
         let (send, keys) = channel();
         std::thread::spawn(move || {
@@ -33,11 +36,11 @@ impl Screen {
                 .try_for_each(|key| send.send(key))
         });
         put("\x1b[?1049h\x1b[?25l");
-        Ok(Some(Self { keys }))
+        Ok(Some(Self { keys, signals }))
     }
 
     /// Waits so long; true as soon as q, Ctrl-C or a signal says to end.
-    pub(crate) fn ends_within(&self, time: Duration, signal: &mut impl FnMut() -> bool) -> bool {
+    pub(crate) fn ends_within(&mut self, time: Duration) -> bool {
         let until = Instant::now() + time;
         loop {
             let rest = until.saturating_duration_since(Instant::now());
@@ -45,9 +48,12 @@ impl Screen {
                 // Ctrl-C is a key here.
                 Ok(b'q' | b'Q' | 3) | Err(RecvTimeoutError::Disconnected) => return true,
                 Ok(_) => {}
-                Err(RecvTimeoutError::Timeout) if rest.is_zero() => return signal(),
-                Err(RecvTimeoutError::Timeout) if signal() => return true,
-                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Timeout) => {
+                    let is_stopped = self.signals.pending().is_some();
+                    if is_stopped || rest.is_zero() {
+                        return is_stopped;
+                    }
+                }
             }
         }
     }

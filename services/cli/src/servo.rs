@@ -2,7 +2,7 @@
 
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
+use std::sync::Arc;
 
 use clap::Args;
 use lab::studies::steered;
@@ -81,7 +81,7 @@ fn seconds(text: &str) -> Result<f64, String> {
         .ok_or_else(|| format!("it must be a number of seconds, more than 0 and at most {longest}"))
 }
 
-pub(crate) fn servo(args: &ServoArgs, form: Form) -> Result<ExitCode, Failure> {
+pub(crate) fn servo(args: &ServoArgs, form: Form) -> Result<bool, Failure> {
     if let Some(seeds) = args.seeds {
         return Err(judge(args, seeds, matches!(form, Form::Json)));
     }
@@ -114,7 +114,7 @@ pub(crate) fn servo(args: &ServoArgs, form: Form) -> Result<ExitCode, Failure> {
         silence_limit: None,
         unread: crate::out::unread,
     };
-    let (lines, rate_hz) = (Lines::default(), loaded.scenario.rate_hz);
+    let (lines, rate_hz) = (Arc::<Lines>::default(), loaded.scenario.rate_hz);
     let (operator, mut panel, mut has_begun) = (OperatorSocket::default(), None, false);
     let mut begin = |run: &RunDir| -> Result<(), Failure> {
         let is_first = !std::mem::replace(&mut has_begun, true);
@@ -139,8 +139,8 @@ pub(crate) fn servo(args: &ServoArgs, form: Form) -> Result<ExitCode, Failure> {
     let shown: Observer<'_> = if has_panel { &silent } else { &observe };
     let finished = session::run_loaded(&request, loaded, &mut begin, shown);
     drop(panel);
-    let code = run::conclude(finished?, form)?;
-    lines.verdict().map(|()| code)
+    let is_done = run::conclude(finished?, form)?;
+    lines.verdict().map(|()| is_done)
 }
 
 /// The source of the targets.

@@ -1,7 +1,6 @@
 //! `armplane top`: a running graph, seen from its control page. It only reads: the run's processes are not affected.
 //! Percentiles are those of the time between two samples, the longest that of the whole run.
 
-use std::process::ExitCode;
 use std::time::Duration;
 
 use clap::Args;
@@ -25,7 +24,7 @@ pub(crate) struct TopArgs {
     every_ms: u64,
 }
 
-pub(crate) fn top(args: &TopArgs, as_json: bool) -> Result<ExitCode, Failure> {
+pub(crate) fn top(args: &TopArgs, as_json: bool) -> Result<bool, Failure> {
     let mut observer = Observer::open(Living::find(args.run.as_deref())?)?;
     let every = Duration::from_millis(args.every_ms);
     let mut screen = if as_json || args.once {
@@ -33,23 +32,13 @@ pub(crate) fn top(args: &TopArgs, as_json: bool) -> Result<ExitCode, Failure> {
     } else {
         Screen::open()?
     };
-    // A signal ends the command, and leaves the terminal as it was.
-    let mut signals = if screen.is_some() {
-        Some(session::interrupts()?)
-    } else {
-        None
-    };
     let is_coloured = screen.is_some() && is_coloured(&std::io::stdout());
     loop {
-        match &screen {
+        match &mut screen {
             None => std::thread::sleep(every),
             Some(screen) => {
-                if screen.ends_within(every, &mut || {
-                    signals
-                        .as_mut()
-                        .is_some_and(|signals| signals.pending().is_some())
-                }) {
-                    return Ok(ExitCode::SUCCESS);
+                if screen.ends_within(every) {
+                    return Ok(true);
                 }
             }
         }
@@ -75,7 +64,7 @@ pub(crate) fn top(args: &TopArgs, as_json: bool) -> Result<ExitCode, Failure> {
             if is_over && !as_json {
                 say!("the run has ended");
             }
-            return Ok(ExitCode::SUCCESS);
+            return Ok(true);
         }
     }
 }

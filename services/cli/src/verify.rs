@@ -1,14 +1,12 @@
 //! `armplane verify`: the same scenario under different conditions, compared byte by byte.
 
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 use clap::Args;
 use lab::conformance::Request;
-use serde_json::json;
 use session::{Failure, load};
 
-use crate::out::{answer, passed};
+use crate::out::answer;
 use crate::progress::observe;
 
 #[derive(Args)]
@@ -39,7 +37,7 @@ pub(crate) struct VerifyArgs {
     unordered: bool,
 }
 
-pub(crate) fn verify(args: &VerifyArgs, as_json: bool) -> Result<ExitCode, Failure> {
+pub(crate) fn verify(args: &VerifyArgs, as_json: bool) -> Result<bool, Failure> {
     let load::Loaded {
         scenario,
         robot,
@@ -57,6 +55,6 @@ pub(crate) fn verify(args: &VerifyArgs, as_json: bool) -> Result<ExitCode, Failu
         unordered: args.unordered,
     };
     let verified = lab::conformance::verify(&request, &observe)?;
-    answer(as_json, &json!(verified), &verified);
-    passed(verified.identical)
+    answer(as_json, &verified, &verified);
+    Ok(verified.identical)
 }

@@ -1,14 +1,13 @@
 //! `armplane view`: a recording in the installed Rerun viewer.
 
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 
 use clap::Args;
 use session::{Failure, Run, save_blueprint, show, viewer_command};
 use shared_types::scenario::Layout;
 
 use crate::layout::layout;
-use crate::out::{passed, say};
+use crate::out::say;
 use crate::progress::observe;
 
 #[derive(Args)]
@@ -21,45 +20,35 @@ pub(crate) struct ViewArgs {
     layout: Option<Layout>,
 }
 
-pub(crate) fn view(args: &ViewArgs, as_json: bool) -> Result<ExitCode, Failure> {
+pub(crate) fn view(args: &ViewArgs, as_json: bool) -> Result<bool, Failure> {
     let is_file =
         |path: &&PathBuf| path.is_file() && path.extension().is_some_and(|it| it == "rrd");
     if let Some(file) = args.run.as_ref().filter(is_file) {
-        return show_files(std::slice::from_ref(file), None, as_json);
+        show_file(file, None, as_json)?;
+        return Ok(true);
     }
     let run = Run::find(args.run.as_deref())?;
     let shown = session::shown(&run, &observe)?;
-    let layout = args
-        .layout
-        .map(|layout| (layout, run.folder.join(format!("{}.rbl", layout.name()))));
-    if let Some((layout, path)) = &layout {
-        save_blueprint(&run, *layout, path)?;
-    }
+    let saved = |layout: Layout| {
+        let path = run.folder.join(format!("{}.rbl", layout.name()));
+        save_blueprint(&run, layout, &path).map(|()| path)
+    };
+    let layout = args.layout.map(saved).transpose()?;
     if let Some(sentence) = &shown.lack {
         observe(session::Progress::Line(&format!("armplane: {sentence}")));
     }
-    let layout = layout.map(|(_, path)| path);
-    show_files(
-        std::slice::from_ref(&shown.file),
-        layout.as_deref(),
-        as_json,
-    )?;
+    show_file(&shown.file, layout.as_deref(), as_json)?;
     // The viewer shows less than the run was.
-    passed(shown.lack.is_none())
+    Ok(shown.lack.is_none())
 }
 
-fn show_files(
-    files: &[PathBuf],
-    layout: Option<&Path>,
-    as_json: bool,
-) -> Result<ExitCode, Failure> {
+fn show_file(file: &PathBuf, layout: Option<&Path>, as_json: bool) -> Result<(), Failure> {
     if as_json {
-        let all: Vec<_> = files.iter().map(PathBuf::as_path).chain(layout).collect();
+        let all: Vec<_> = [file.as_path()].into_iter().chain(layout).collect();
         say!(
             "{}",
             serde_json::json!({"viewer": viewer_command(), "files": all})
         );
     }
-    show(files, layout, &observe)?;
-    Ok(ExitCode::SUCCESS)
+    show(std::slice::from_ref(file), layout, &observe)
 }

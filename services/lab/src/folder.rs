@@ -7,6 +7,8 @@ use launcher::Interrupts;
 use launcher::folders::{self, KEPT, PREFIX};
 use session::Failure;
 
+use crate::end::check;
+
 /// Where the runs leave their messages: the user's folder, or one that is gone at the end.
 pub(crate) enum Folder {
     Kept(PathBuf),
@@ -32,13 +34,6 @@ impl Scratch {
     pub(crate) fn check_signals(&mut self) -> Result<(), Failure> {
         check(&mut self.signals)
     }
-}
-
-/// # Errors
-/// [`Failure::Work`] where a signal has come.
-pub(crate) fn check(signals: &mut Interrupts) -> Result<(), Failure> {
-    let stopped = |signal| Err(Failure::Work(format!("stopped by {signal}")));
-    signals.pending().map_or(Ok(()), stopped)
 }
 
 impl Folder {

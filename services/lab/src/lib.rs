@@ -13,6 +13,7 @@ pub mod row;
 pub mod studies;
 pub mod trial;
 
+mod end;
 mod folder;
 mod signals;
 mod text;

@@ -2,10 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use recorder::Verdict;
 use serde::Serialize;
 use shared_types::scenario::{Goal, Strategy};
-use shared_types::summary::{JointSummary, TaskSummary};
+use shared_types::summary::{JointSummary, Summary, TaskSummary};
 
 /// The result of a run, judged on the simulator's truth; its names are those of `summary.json`.
 #[derive(Clone, Debug, Default, Serialize)]
@@ -38,27 +37,21 @@ pub struct Row {
 }
 
 impl Row {
-    /// The row of a run on one thread.
-    pub fn of(law: Strategy, verdict: Verdict) -> Self {
+    /// The row of a run.
+    pub fn of(law: Strategy, summary: Summary) -> Self {
+        let singularities = summary.singularities.iter();
+        let topics = summary.topics.into_iter().filter(|(_, one)| one.count > 0);
         Self {
             law: law.name().to_owned(),
-            outcome: verdict.outcome,
-            reason: verdict.reason,
-            ticks: verdict.ticks,
-            completed: verdict.completed,
-            task: verdict.task,
-            joints: verdict.joints,
-            s_min: verdict
-                .singularities
-                .iter()
-                .map(|one| one.s_min)
-                .min_by(f64::total_cmp),
-            inside_ticks: verdict
-                .singularities
-                .iter()
-                .map(|one| one.inside_ticks)
-                .sum(),
-            hash: BTreeMap::new(),
+            outcome: summary.outcome,
+            reason: summary.reason,
+            ticks: summary.ticks,
+            completed: summary.completed,
+            task: summary.task,
+            joints: summary.joints,
+            s_min: (singularities.clone().map(|one| one.s_min)).min_by(f64::total_cmp),
+            inside_ticks: singularities.map(|one| one.inside_ticks).sum(),
+            hash: topics.map(|(topic, one)| (topic, one.hash)).collect(),
         }
     }
 
@@ -73,9 +66,14 @@ impl Row {
 
     /// Whether the goal pose was reached, by the bounds of a scenario that states none.
     pub fn ended(&self) -> bool {
-        let goal = Goal::default();
-        self.completed
-            && self.task.final_position_mm < goal.position_mm
-            && self.task.final_orientation_deg < goal.orientation_deg
+        is_at_goal(self.completed, &self.task)
     }
+}
+
+/// Whether a run that was completed has reached the goal pose, by the bounds of a scenario that states none.
+pub(crate) fn is_at_goal(completed: bool, task: &TaskSummary) -> bool {
+    let goal = Goal::default();
+    completed
+        && task.final_position_mm <= goal.position_mm
+        && task.final_orientation_deg <= goal.orientation_deg
 }

@@ -22,13 +22,13 @@ use session::{Failure, load};
 use shared_types::graph::Graph;
 use shared_types::job::{Job, Mode};
 use shared_types::scenario::{Scenario, Strategy};
-use shared_types::summary::FAILED;
+use shared_types::summary::{FAILED, Summary};
 use shared_types::topics::{COUNT, TOPICS};
 
 use crate::folder::scratch;
 use crate::row::Row;
 
-/// Ticks of a trace that wait for their table.
+/// Ticks of a run that wait to be shown.
 const WAITING: usize = 1000;
 
 /// A run that is to be made.
@@ -62,60 +62,52 @@ impl<'a> Trial<'a> {
         }
     }
 
-    /// The same with a plant that is another program's.
-    pub fn on(self, graph: Option<&'a Graph>) -> Self {
-        Self { graph, ..self }
-    }
-
     /// Runs it on one thread: the same bytes on every topic as in five processes. With a graph, in its processes.
     ///
     /// # Errors
     /// [`Refused`] where a cycle does not accept the robot or the scenario, or one thread cannot have one of its faults; of processes, where they
     /// cannot be started.
     pub fn run(&self) -> Result<Row, Refused> {
-        if let Some(graph) = self.graph {
-            return self.run_in(graph).map_err(Refused::because);
-        }
-        let scenario = &self.scenario;
-        let (verdict, hashes) = match chain::plans_faults_of_processes(scenario) {
-            true => self.judged_under_faults()?,
-            false => self.judged()?,
+        let summary = match self.graph {
+            Some(graph) => self.run_in(graph).map_err(Refused::because)?,
+            None if chain::plans_faults_of_processes(&self.scenario) => {
+                self.judged_under_faults()?
+            }
+            None => self.judged()?,
         };
-        let hashes = hashes.into_iter().filter(|(_, hash)| hash.count() > 0);
-        Ok(Row {
-            hash: hashes
-                .map(|(topic, hash)| (topic, hash.summary().hash))
-                .collect(),
-            ..Row::of(scenario.control.strategy, verdict)
-        })
+        Ok(Row::of(self.scenario.control.strategy, summary))
     }
 
     /// Each tick is whole: nothing is to be assembled.
-    fn judged(&self) -> Result<(Verdict, Vec<(String, TopicHash)>), Refused> {
+    fn judged(&self) -> Result<Summary, Refused> {
         let is_sent = TOPICS.map(|topic| self.scenario.sends(topic));
         let mut hashes = [TopicHash::default(); COUNT];
-        let verdict = self.watch(|tick, _| {
+        let summary = self.watch(|tick, _| {
             let messages = tick.parts().into_iter().zip(&mut hashes).zip(is_sent);
             for ((message, hash), _) in messages.filter(|(_, is_sent)| *is_sent) {
                 hash.add(message);
             }
         })?;
         let topics = TOPICS.into_iter().map(str::to_owned);
-        Ok((verdict, topics.zip(hashes).collect()))
+        Ok(Summary {
+            topics: topics.zip(hashes.map(|hash| hash.summary())).collect(),
+            ..summary
+        })
     }
 
-    fn judged_under_faults(&self) -> Result<(Verdict, Vec<(String, TopicHash)>), Refused> {
+    fn judged_under_faults(&self) -> Result<Summary, Refused> {
         let mut judge = Judge::new(self.robot, &self.scenario)?;
         let (accounts, ended) = self.assemble(|row| {
             judge.take(&row.messages().lent());
         })?;
-        let mut verdict = judge.verdict();
+        let mut summary = judge.verdict();
         if let Some(sentence) = ended {
-            (verdict.completed, verdict.outcome) = (false, FAILED.to_owned());
-            verdict.reason = format!("{sentence}; {}", verdict.reason);
+            (summary.completed, summary.outcome) = (false, FAILED.to_owned());
+            summary.reason = format!("{sentence}; {}", summary.reason);
         }
-        let hash = |account: Account| (account.topic, account.hash);
-        Ok((verdict, accounts.into_iter().map(hash).collect()))
+        let topic = |account: Account| (account.topic, account.hash.summary());
+        summary.topics = accounts.into_iter().map(topic).collect();
+        Ok(summary)
     }
 
     /// Runs it on one thread under all its faults, and hands each tick's messages to `each` as the recorder assembles them. The sentence: why it ended
@@ -149,9 +141,20 @@ impl<'a> Trial<'a> {
         let graph = load::graph_of(&self.scenario, None)?;
         let scenario = self.scenario.clone();
         let job = load::job(self.robot, scenario, graph, Mode::Lockstep, "".into());
+        self.shown(|ticks| viz::signals(&job, self.robot, ticks).map_err(Failure::work))
+    }
+
+    /// Runs it on a thread of its own, and hands its ticks to `show` as they come.
+    ///
+    /// # Errors
+    /// As [`trace`](Self::trace), and the failure of `show`.
+    pub(crate) fn shown<T>(
+        &self,
+        show: impl FnOnce(&mut dyn Iterator<Item = viz::Tick>) -> Result<T, Failure>,
+    ) -> Result<T, Failure> {
         let (send, ticks) = mpsc::sync_channel(WAITING);
         let keep = move |row: &recorder::Row| {
-            // Without a reader the table has failed, and says why.
+            // Without a reader `show` has failed, and says why.
             let _ = send.send(viz::Tick {
                 tick: row.tick,
                 messages: *row.messages(),
@@ -160,15 +163,15 @@ impl<'a> Trial<'a> {
         };
         thread::scope(|scope| {
             let run = scope.spawn(|| self.assemble(keep));
-            let table = viz::signals(&job, self.robot, ticks.into_iter());
+            let shown = show(&mut ticks.into_iter());
             let ran = run.join().map_err(|_| Failure::work("the run panicked"))?;
             ran.map_err(Failure::input)?;
-            table.map_err(Failure::work)
+            shown
         })
     }
 
     /// Runs it in the processes of a graph, in lockstep; nothing of the run is kept.
-    fn run_in(&self, graph: &Graph) -> Result<Row, Failure> {
+    fn run_in(&self, graph: &Graph) -> Result<Summary, Failure> {
         let folder = scratch()?;
         let (scenario, out) = (self.scenario.clone(), folder.path().to_owned());
         let job = Job {
@@ -177,14 +180,7 @@ impl<'a> Trial<'a> {
         };
         let plan = session::plan(&job)?;
         let (outcome, account) = session::launch_watched(&job, plan, &mut |_| Ok(()), &mut |_| ())?;
-        let summary = session::summarise(&job, &outcome, account);
-        let topics = summary.topics.iter();
-        Ok(Row {
-            hash: topics
-                .map(|(topic, one)| (topic.clone(), one.hash.clone()))
-                .collect(),
-            ..Row::of(self.scenario.control.strategy, summary)
-        })
+        Ok(session::summarise(&job, &outcome, account))
     }
 
     /// Runs it on one thread, shows each tick with its error to `each`, and judges it.

@@ -2,7 +2,7 @@
 
 use runtime::realtime::allowed_cores;
 use session::{Failure, Observer};
-use shared_types::topics::CHAIN;
+use shared_types::topics::{CHAIN, OfTopic};
 use shared_types::{Message, PlantState, SensorSample, SingularityReport, TorqueCommand};
 
 use super::ring::Ring;
@@ -75,14 +75,7 @@ fn bytes_of(topics: &[&str]) -> usize {
 /// # Errors
 /// A process fails, or the machine refuses memory.
 pub fn hop(samples: u64, only: &Only<'_>, observer: Observer<'_>) -> Result<Vec<Row>, Failure> {
-    let mut rows = Vec::new();
-    for (placement, cores) in placements(2) {
-        for topics in PAIRS {
-            let key = ("hop", placement, bytes_of(&topics) / 2, 2.0);
-            rows.extend(measure(key, &topics, &cores, samples, only, observer)?);
-        }
-    }
-    Ok(rows)
+    measure("hop", &PAIRS, 2, samples, only, observer)
 }
 
 /// Once around the processes of the chain, by mechanism and placement.
@@ -90,48 +83,50 @@ pub fn hop(samples: u64, only: &Only<'_>, observer: Observer<'_>) -> Result<Vec<
 /// # Errors
 /// As [`hop`].
 pub fn cycle(samples: u64, only: &Only<'_>, observer: Observer<'_>) -> Result<Vec<Row>, Failure> {
-    let mut rows = Vec::new();
-    for (placement, cores) in placements(CHAIN.len()) {
-        let key = ("cycle", placement, bytes_of(&CHAIN), 1.0);
-        rows.extend(measure(key, &CHAIN, &cores, samples, only, observer)?);
-    }
-    Ok(rows)
+    measure("cycle", &[CHAIN], 1, samples, only, observer)
 }
 
-/// Rows of one bench, placement and payload, with their ratios to the futex among them.
-fn measure(
-    (bench, placement, bytes, share): (&str, &str, usize, f64),
-    topics: &[&str],
-    cores: &[Option<usize>],
+/// Rows of one bench, by placement and the topics of a ring, with their ratios to the futex among them; a trip counts as so many hand-overs.
+fn measure<const N: usize>(
+    bench: &'static str,
+    rings: &[[&str; N]],
+    hand_overs: u32,
     samples: u64,
     only: &Only<'_>,
     observer: Observer<'_>,
 ) -> Result<Vec<Row>, Failure> {
-    let mechanisms = only.choose(bench, placement, bytes);
-    if mechanisms.is_empty() {
-        return Ok(Vec::new());
+    let mut rows = Vec::new();
+    for (placement, cores) in placements(N) {
+        for topics in rings {
+            let bytes = bytes_of(topics) / hand_overs as usize;
+            let mechanisms = only.choose(bench, placement, bytes);
+            if mechanisms.is_empty() {
+                continue;
+            }
+            let ring = Ring {
+                topics: topics.map(str::to_owned).to_vec(),
+                cores: cores.clone(),
+                mechanisms,
+                rounds: samples.div_ceil(TRIPS),
+                trips: TRIPS,
+                share: f64::from(hand_overs),
+            };
+            let measured = ring.measure(observer)?;
+            let baseline = measured[0].1;
+            let ratio = |times: &Distribution, of: fn(&Distribution) -> f64| {
+                (of(&baseline) > 0.0).then(|| of(times) / of(&baseline))
+            };
+            let row = |(mechanism, times): (Mechanism, Distribution)| Row {
+                bench,
+                mechanism: mechanism.name().to_owned(),
+                placement,
+                payload_bytes: bytes,
+                ratio_p50: ratio(&times, |times| times.p50_us),
+                ratio_p99: ratio(&times, |times| times.p99_us),
+                times,
+            };
+            rows.extend(measured.into_iter().map(row));
+        }
     }
-    let ring = Ring {
-        topics: topics.iter().map(ToString::to_string).collect(),
-        cores: cores.to_vec(),
-        mechanisms,
-        rounds: samples.div_ceil(TRIPS),
-        trips: TRIPS,
-        share,
-    };
-    let measured = ring.measure(observer)?;
-    let baseline = measured[0].1;
-    let ratio = |times: &Distribution, of: fn(&Distribution) -> f64| {
-        (of(&baseline) > 0.0).then(|| of(times) / of(&baseline))
-    };
-    let row = |(mechanism, times): (Mechanism, Distribution)| Row {
-        bench: bench.to_owned(),
-        mechanism: mechanism.name().to_owned(),
-        placement: placement.to_owned(),
-        payload_bytes: bytes,
-        ratio_p50: ratio(&times, |times| times.p50_us),
-        ratio_p99: ratio(&times, |times| times.p99_us),
-        times,
-    };
-    Ok(measured.into_iter().map(row).collect())
+    Ok(rows)
 }

@@ -62,11 +62,11 @@ fn histogram() -> Histogram<u64> {
 #[derive(Serialize)]
 pub struct Row {
     /// Name of the benchmark.
-    pub bench: String,
+    pub bench: &'static str,
     /// Transport or step measured.
     pub mechanism: String,
     /// Cores of the processes.
-    pub placement: String,
+    pub placement: &'static str,
     /// Bytes of the message, or of all messages of a cycle; 0 where there is none.
     pub payload_bytes: usize,
     /// Times.
@@ -76,21 +76,6 @@ pub struct Row {
     pub ratio_p50: Option<f64>,
     /// 99th percentile over the same.
     pub ratio_p99: Option<f64>,
-}
-
-impl Row {
-    /// A step on one thread, which has no baseline.
-    fn alone(bench: &str, mechanism: &str, times: Distribution) -> Self {
-        Self {
-            bench: bench.to_owned(),
-            mechanism: mechanism.to_owned(),
-            placement: "one thread".to_owned(),
-            payload_bytes: 0,
-            times,
-            ratio_p50: None,
-            ratio_p99: None,
-        }
-    }
 }
 
 /// The rows as a table.
@@ -116,8 +101,8 @@ impl fmt::Display for Rows<'_> {
             let numbers = [times.p50_us, times.p99_us, times.p999_us, times.max_us];
             lines.add_row(
                 [
-                    row.bench.as_str().into(),
-                    row.placement.as_str().into(),
+                    row.bench.into(),
+                    row.placement.into(),
                     number(row.payload_bytes),
                     row.mechanism.as_str().into(),
                 ]

@@ -4,14 +4,15 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
 
-use launcher::{Begin, Child, End, Event, Launcher, Limits, Outcome, Plan, Ran, Restart};
+use launcher::{Begin, Child, Event, Launcher, Limits, Outcome, Plan, Ran, Restart};
 use runtime::{Mode, Process, ProcessError, Shell, now_ns, realtime};
 use serde::{Deserialize, Serialize};
 use session::{Failure, Observer, Progress};
+use shared_types::topics::OfTopic;
 
 use super::transports::{self, Ends, Kind, Mechanism, Place};
 use super::{Distribution, histogram};
-use crate::folder::check;
+use crate::end::{check, mishap};
 
 const TASK: &str = "ring.json";
 const MEASURED: &str = "measured.json";
@@ -62,12 +63,9 @@ impl Ring {
         });
         check(&mut signals)?;
         let outcome = ended(outcome.map_err(Failure::work)?)?;
-        match outcome.end {
-            End::Completed => {
-                serde_json::from_slice(&measured.unwrap_or_default()).map_err(Failure::work)
-            }
-            End::Interrupted { signal } => Err(Failure::Work(format!("stopped by {signal}"))),
-            End::Failed(failure) => Err(Failure::work(failure)),
+        match mishap(&outcome.end)? {
+            None => serde_json::from_slice(&measured.unwrap_or_default()).map_err(Failure::work),
+            Some(mishap) => Err(Failure::work(mishap)),
         }
     }
 

@@ -33,8 +33,15 @@ pub fn steps() -> Result<Vec<Row>, Failure> {
         let loaded = load::scenario(name, &[], None)?;
         let (robot, scenario) = (&loaded.robot, &loaded.scenario);
         let mut row = |step: &str, times: &Histogram<u64>| {
-            let times = Distribution::of(times, 1.0);
-            rows.push(Row::alone("steps", &format!("{step}, {name}"), times));
+            rows.push(Row {
+                bench: "steps",
+                mechanism: format!("{step}, {name}"),
+                placement: "one thread",
+                payload_bytes: 0,
+                times: Distribution::of(times, 1.0),
+                ratio_p50: None,
+                ratio_p99: None,
+            });
         };
         let steps = one_after_the_other(robot, scenario)?;
         let steps = STEPS.iter().zip(&steps);

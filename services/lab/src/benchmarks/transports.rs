@@ -20,7 +20,7 @@ use rustix::mm::{MapFlags, ProtFlags, mmap};
 use rustix::thread::futex;
 use serde::{Deserialize, Serialize};
 use shared_types::Message;
-use shared_types::topics::{Each, Topic, named};
+use shared_types::topics::{OfTopic, Topic};
 
 /// How a message gets to the next process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -71,25 +71,17 @@ pub(super) struct Kind {
     receiver: fn(&Shell) -> Result<Receive, ProcessError>,
 }
 
-impl Kind {
-    /// The message of a topic.
-    pub(super) fn named(topic: &str) -> Option<Self> {
-        struct Find;
-        impl Each for Find {
-            type Output = Kind;
-            fn each<M: Topic>(&mut self) -> Kind {
-                Kind {
-                    bytes: size_of::<M>(),
-                    sender: sender::<M>,
-                    receiver: receiver::<M>,
-                }
-            }
+impl OfTopic for Kind {
+    fn of_topic<M: Topic>() -> Self {
+        Self {
+            bytes: size_of::<M>(),
+            sender: sender::<M>,
+            receiver: receiver::<M>,
         }
-        named(topic, &mut Find)
     }
 }
 
-pub(super) fn stopped() -> ProcessError {
+fn stopped() -> ProcessError {
     ProcessError::setup("stopped before the end")
 }
 

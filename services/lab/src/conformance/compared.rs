@@ -1,15 +1,15 @@
 //! Runs in processes and on one thread, and the first place where the messages of two of them differ.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use launcher::{End, Exit, Failure as Mishap, Plan};
+use launcher::{Exit, Failure as Mishap, Plan};
 use model::Robot;
 use recorder::{Contents, RecordError, RecordReader, RecordWriter, TopicHash, tick_of};
 use runtime::{ControlPage, RunDir};
 use serde::Serialize;
-use session::{Failure, Observer};
+use session::Failure;
 use shared_types::job::Job;
 use shared_types::layout::MessageLayout;
 use shared_types::scenario::Scenario;
@@ -17,6 +17,7 @@ use shared_types::summary::{Summary, TopicSummary};
 use shared_types::topics::{COUNT, TOPICS};
 
 use super::difference::{Difference, Differences};
+use crate::end::mishap;
 use crate::signals::Background;
 
 /// The result of one run.
@@ -46,7 +47,6 @@ pub(super) fn in_processes(
     plan: Plan,
     condition: String,
     mut beside: impl FnMut(ControlPage) -> Vec<Background>,
-    observer: Observer<'_>,
 ) -> Result<(Ran, Summary), Failure> {
     let mut work = Vec::new();
     let mut begin = |run: &RunDir| {
@@ -54,21 +54,13 @@ pub(super) fn in_processes(
         work.extend(beside(ControlPage::open(run).map_err(Failure::work)?));
         Ok(())
     };
-    let (outcome, account) = session::launch(job, plan, &mut begin, observer)?;
+    let (outcome, account) = session::launch_watched(job, plan, &mut begin, &mut |_| ())?;
     drop(work);
     let summary = session::summarise(job, &outcome, account);
-    let (failure, ended_by) = match outcome.end {
-        End::Completed => (String::new(), None),
-        End::Interrupted { signal } => return Err(Failure::Work(format!("stopped by {signal}"))),
-        End::Failed(mishap) => {
-            let text = mishap.to_string();
-            let by = if let Mishap::Died { process, exit, .. } = mishap {
-                Some((process, exit))
-            } else {
-                None
-            };
-            (text, by)
-        }
+    let mishap = mishap(&outcome.end)?;
+    let ended_by = match mishap {
+        Some(Mishap::Died { process, exit, .. }) => Some((process.clone(), *exit)),
+        _ => None,
     };
     // Without an account there is no topic either, and that is a difference.
     let of = |layout: &MessageLayout| {
@@ -81,7 +73,7 @@ pub(super) fn in_processes(
         condition,
         ticks: outcome.ticks,
         ticks_per_s: summary.pace.ticks_per_s,
-        failure,
+        failure: mishap.map(ToString::to_string).unwrap_or_default(),
         deaths: deaths.map(|fault| fault.detail.clone()).collect(),
         topics: Contents::of(job).layouts().iter().map(of).collect(),
         ended_by,
@@ -108,6 +100,15 @@ pub(super) fn on_one_thread(robot: &Robot, scenario: &Scenario) -> Result<Ran, F
         deaths: Vec::new(),
         ended_by: None,
     })
+}
+
+/// The topics of which two runs have other messages.
+pub(super) fn differing([a, b]: [&BTreeMap<String, TopicSummary>; 2]) -> Vec<String> {
+    let topics: BTreeSet<_> = a.keys().chain(b.keys()).collect();
+    let topics = topics
+        .into_iter()
+        .filter(|topic| a.get(*topic) != b.get(*topic));
+    topics.cloned().collect()
 }
 
 /// The record of a run.
@@ -179,14 +180,6 @@ impl Place {
             tick,
             topic: topic.to_owned(),
             difference,
-        }
-    }
-
-    /// The same of a run by its number, from 1.
-    pub(super) fn in_run(self, number: usize) -> Self {
-        Self {
-            run: Some(number),
-            ..self
         }
     }
 }

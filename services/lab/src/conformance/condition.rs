@@ -121,20 +121,16 @@ impl Condition {
                 Placement::Split => core(index),
                 Placement::Free => None,
             };
-            let draw = |what: u64| random(seed, 8 * index as u64 + what);
-            let delay_ms = if self.has(LateStarts) {
-                draw(0) % LONGEST_DELAY_MS
-            } else {
-                0
+            let draw = |trouble: Trouble, what: u64| {
+                let is_so = self.has(trouble);
+                is_so.then(|| random(seed, 8 * index as u64 + what))
             };
+            let late = draw(LateStarts, 0).unwrap_or_default() % LONGEST_DELAY_MS;
+            let nice = draw(Nice, 1).unwrap_or_default() % 16;
             process.disturbance = Disturbance {
-                start_delay: Duration::from_millis(delay_ms),
-                nice: if self.has(Nice) {
-                    (draw(1) % 16) as i32
-                } else {
-                    0
-                },
-                pauses: self.has(Pauses).then(|| draw(2)),
+                start_delay: Duration::from_millis(late),
+                nice: nice as i32,
+                pauses: draw(Pauses, 2),
                 unordered: unordered && child.ends_run,
                 unfenced: false,
             };

@@ -1,6 +1,6 @@
 //! Two runs beside each other: how their settings, outcomes and messages differ.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
@@ -11,7 +11,7 @@ use session::{Failure, Run};
 use shared_types::job::Job;
 use shared_types::summary::Summary;
 
-use super::compared::{Place, first_place, record_of};
+use super::compared::{Place, differing, first_place, record_of};
 
 /// Most characters of a value that are shown to people.
 const LONGEST: usize = 80;
@@ -59,11 +59,7 @@ pub fn diff(folders: [&Path; 2]) -> Result<Differing, Failure> {
         .each_ref()
         .map(|(job, summary, _)| values(job, summary));
     let changes = changes(&trees);
-    let [a, b] = both.each_ref().map(|(_, summary, _)| &summary.topics);
-    let topics: BTreeSet<_> = a.keys().chain(b.keys()).collect();
-    let topics = topics.into_iter();
-    let topics = topics.filter(|topic| a.get(*topic) != b.get(*topic));
-    let topics: Vec<_> = topics.cloned().collect();
+    let topics = differing(both.each_ref().map(|(_, summary, _)| &summary.topics));
     let without = both.iter().find(|(job, ..)| !job.record);
     let without = without.map(|(_, _, folder)| folder.clone());
     // The records of now are compared: the hashes are of the records as they were written.

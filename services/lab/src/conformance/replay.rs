@@ -18,7 +18,7 @@ use shared_types::job::Job;
 use shared_types::process::Program;
 use shared_types::scenario::Scenario;
 use shared_types::summary::Summary;
-use shared_types::topics::{ByTopic, Each, Received, Topic, named};
+use shared_types::topics::{OfTopic, Topic};
 use shared_types::{Message, TorqueCommand};
 use viz::digits;
 
@@ -93,9 +93,7 @@ impl Replayed {
         // The last messages of the topics of a cut run do not end at one tick.
         (self.is_cut || self.without_input == 0) && self.damage.is_empty() && self.ended.is_empty()
     }
-}
 
-impl Replayed {
     /// A row for each field that differs.
     fn differences(&self) -> Fitted {
         let mut rows = table(&[
@@ -196,7 +194,7 @@ pub fn replay(
     let record = record.map_err(|error| damaged(&run, &[error.to_string()]))?;
     let step = chain::step_of(program, &robot, &scenario).map_err(Failure::input)?;
     let step = step.ok_or_else(|| no_step(Some(&name), &job, folder))?;
-    let outputs = writes.iter().filter_map(|topic| named(topic, &mut Begin));
+    let outputs = writes.iter().filter_map(|topic| Output::named(topic));
     let mut player = Player {
         member: Member::new(0, process, step),
         scratch: Scratch::default(),
@@ -362,58 +360,46 @@ struct Output {
     topic: &'static str,
     messages: u64,
     differences: Differences,
+    compare: fn(&mut Self, &Row, &Tick, &[ScheduledFault]),
 }
 
-struct Begin;
-
-impl Each for Begin {
-    type Output = Output;
-    fn each<M: Topic>(&mut self) -> Output {
-        Output {
+impl OfTopic for Output {
+    fn of_topic<M: Topic>() -> Self {
+        Self {
             topic: M::TOPIC,
             messages: 0,
             differences: Differences::new(M::FIELDS),
+            compare: Self::compare::<M>,
+        }
+    }
+}
+
+impl Output {
+    /// Compares the message of a tick, if there is one, with the computed one, of which faults may have changed the content.
+    fn compare<M: Topic>(&mut self, row: &Row, now: &Tick, faults: &[ScheduledFault]) {
+        let mut computed = *M::of(now);
+        apply_to_outgoing(&mut computed, faults);
+        if let Some(recorded) = M::of(row.messages()) {
+            // The runtime sets the incarnation, not the step.
+            computed.header_mut().incarnation = recorded.header().incarnation;
+            self.messages += 1;
+            let [recorded, computed] = [recorded, &computed].map(bytemuck::bytes_of);
+            self.differences.add(row.tick, recorded, computed);
         }
     }
 }
 
 /// The bytes of a topic's message.
-struct Bytes<'a>(&'a ByTopic<Received>);
+struct Bytes(fn(&Row) -> Option<&[u8]>);
 
-impl<'a> Each for Bytes<'a> {
-    type Output = Option<&'a [u8]>;
-    fn each<M: Topic>(&mut self) -> Self::Output {
-        M::of(self.0).as_ref().map(bytemuck::bytes_of)
+impl OfTopic for Bytes {
+    fn of_topic<M: Topic>() -> Self {
+        Self(|row| M::of(row.messages()).as_ref().map(bytemuck::bytes_of))
     }
 }
 
 fn bytes<'a>(row: &'a Row, topic: &str) -> Option<&'a [u8]> {
-    named(topic, &mut Bytes(row.messages())).flatten()
-}
-
-/// Compares a topic's message of a tick, if there is one, with the computed one, of which faults may have changed the content.
-struct Compare<'a> {
-    row: &'a Row,
-    now: &'a Tick,
-    faults: &'a [ScheduledFault],
-    output: &'a mut Output,
-}
-
-impl Each for Compare<'_> {
-    type Output = ();
-    fn each<M: Topic>(&mut self) {
-        let mut computed = *M::of(self.now);
-        apply_to_outgoing(&mut computed, self.faults);
-        if let Some(recorded) = M::of(self.row.messages()) {
-            // The runtime sets the incarnation, not the step.
-            computed.header_mut().incarnation = recorded.header().incarnation;
-            self.output.messages += 1;
-            let [recorded, computed] = [recorded, &computed].map(bytemuck::bytes_of);
-            self.output
-                .differences
-                .add(self.row.tick, recorded, computed);
-        }
-    }
+    Bytes::named(topic)?.0(row)
 }
 
 impl Player {
@@ -449,18 +435,11 @@ impl Player {
     fn compare(&mut self, row: &Row) {
         let shaped = self.shaped();
         for output in &mut self.outputs {
-            let topic = output.topic;
-            let faults = match topic == shaped {
+            let faults = match output.topic == shaped {
                 true => &self.faults[..],
                 false => &[],
             };
-            let mut compare = Compare {
-                row,
-                now: &self.now,
-                faults,
-                output,
-            };
-            named(topic, &mut compare);
+            (output.compare)(output, row, &self.now, faults);
         }
     }
 

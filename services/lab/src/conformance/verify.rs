@@ -13,7 +13,8 @@ use shared_types::job::{Job, Mode};
 use shared_types::scenario::Scenario;
 
 use super::compared::{
-    Place, Ran, first_place, in_processes, on_one_thread, record_of, record_on_one_thread,
+    Place, Ran, differing, first_place, in_processes, on_one_thread, record_of,
+    record_on_one_thread,
 };
 use super::condition::{CONDITIONS, KILLS, Subject, UNDISTURBED};
 use crate::folder::Folder;
@@ -110,7 +111,8 @@ pub fn verify(request: &Request<'_>, observer: Observer<'_>) -> Result<Verified,
                 None => record_on_one_thread(folder.path(), &job, robot)?,
             };
             let place = first_place(&expected, &record_of(&job.out, &job)?)?;
-            difference = place.map(|place| place.in_run(index + 1));
+            let run = Some(index + 1);
+            difference = place.map(|place| Place { run, ..place });
         }
         let is_reference = index == 0 && needs_processes.is_some();
         if request.out.is_none() && !is_reference && !differs {
@@ -189,7 +191,7 @@ fn run(request: &Request<'_>, index: usize, out: &Path) -> Result<(Job, Ran), Fa
         start += 1;
         condition.beside(page, subject, start, seed)
     };
-    let (ran, summary) = in_processes(&job, plan, condition.to_string(), beside, &|_| ())?;
+    let (ran, summary) = in_processes(&job, plan, condition.to_string(), beside)?;
     let lack = summary.recorder.error;
     let is_kept = request.out.is_none() || lack.is_empty();
     is_kept
@@ -215,16 +217,11 @@ fn needs_processes(scenario: &Scenario, graph: &Graph) -> Option<&'static str> {
 
 impl Verified {
     /// The topics in which a run is not the reference.
-    fn others<'a>(&'a self, ran: &'a Ran) -> String {
-        let names = self.reference.topics.keys().chain(ran.topics.keys());
-        let differs = |name: &&String| ran.topics.get(*name) != self.reference.topics.get(*name);
-        let others: std::collections::BTreeSet<&str> =
-            names.filter(differs).map(String::as_str).collect();
-        let others: Vec<&str> = others.into_iter().collect();
-        if others.is_empty() {
-            "all equal".to_owned()
-        } else {
-            format!("≠ {}", others.join(", "))
+    fn others(&self, ran: &Ran) -> String {
+        let others = differing([&self.reference.topics, &ran.topics]);
+        match others.is_empty() {
+            true => "all equal".to_owned(),
+            false => format!("≠ {}", others.join(", ")),
         }
     }
 

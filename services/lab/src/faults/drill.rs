@@ -5,7 +5,6 @@
 
 use std::path::Path;
 
-use launcher::End;
 use session::load::{self, Loaded};
 use session::{Failure, Observer, Progress, Results};
 use shared_types::fault::Fault;
@@ -130,7 +129,7 @@ fn drill_one(
 
 /// The run without a fault.
 fn baseline(stage: &Stage<'_>, name: &str) -> Result<Ran, Failure> {
-    let base = run(stage, Vec::new(), &[])?;
+    let base = stage.run(Vec::new(), &[])?;
     let Summary {
         outcome, reason, ..
     } = &base.summary;
@@ -143,23 +142,11 @@ fn baseline(stage: &Stage<'_>, name: &str) -> Result<Ran, Failure> {
 }
 
 fn cell(stage: &Stage<'_>, plan: &[Fault], base: Option<&Ran>) -> Result<Cell, Failure> {
-    let ran = run(stage, Vec::new(), plan)?;
+    let ran = stage.run(Vec::new(), plan)?;
     let Some(base) = base else {
         return stage.judge(&ran, None);
     };
     let faults = ran.summary.faults.iter();
     let left = faults.filter_map(|fault| fault.plan.clone()).collect();
-    stage.judge(&ran, Some((base, &run(stage, left, &[])?)))
-}
-
-fn run(stage: &Stage<'_>, planned: Vec<Fault>, live: &[Fault]) -> Result<Ran, Failure> {
-    let scenario = Scenario {
-        fault: planned,
-        ..stage.job.scenario.clone()
-    };
-    let ran = stage.run(scenario, live)?;
-    match ran.end {
-        End::Interrupted { signal } => Err(Failure::Work(format!("stopped by {signal}"))),
-        _ => Ok(ran),
-    }
+    stage.judge(&ran, Some((base, &stage.run(left, &[])?)))
 }

@@ -1,7 +1,8 @@
 //! The verdict on a run with faults: the guarantees that hold under every fault, on the simulator's truth.
 
-use launcher::{End, Failure as Mishap};
-use recorder::{MESSAGES, Row, Ticks};
+use std::collections::BTreeSet;
+
+use launcher::Failure as Mishap;
 use session::{Failure, Run};
 use shared_types::bounds::{larger, share};
 use shared_types::codes::{
@@ -11,7 +12,6 @@ use shared_types::codes::{
 use shared_types::fault::{Fault, Kind};
 use shared_types::job::Mode;
 use shared_types::process::Program;
-use shared_types::scenario::Goal;
 use shared_types::summary::FaultSummary;
 use shared_types::{MAX_DOF, PlantState, SensorSample};
 
@@ -20,6 +20,7 @@ use serde::Serialize;
 use super::bounds::{self, ORDINARY, REST_MS, STALE_MS};
 use super::plan::ends_world;
 use super::run::{Messages, Ran, Stage};
+use crate::row::is_at_goal;
 
 /// Torque may change by so much of its limit in a millisecond, whatever happens (`sim::Drive`); the rounding of a sum is allowed for.
 const STEP_PER_MS: f64 = 0.5 + 1e-9;
@@ -98,7 +99,7 @@ pub struct Cell {
     /// In lockstep only.
     #[serde(flatten)]
     pub excursion: Option<Excursion>,
-    /// `goal`, `rest`, `ended` or `interrupted`.
+    /// `goal`, `rest` or `ended`.
     pub end: &'static str,
     /// The reason of the end.
     pub reason: String,
@@ -121,11 +122,11 @@ pub struct Cell {
 struct Verdict(Vec<Broken>);
 
 impl Verdict {
-    fn unless(&mut self, is_kept: bool, check: &'static str, detail: impl FnOnce() -> String) {
+    fn unless(&mut self, is_kept: bool, check: &'static str, detail: impl ToString) {
         if !is_kept {
             self.0.push(Broken {
                 check,
-                detail: detail(),
+                detail: detail.to_string(),
             });
         }
     }
@@ -171,19 +172,15 @@ impl Ran {
     }
 
     fn ending(&self, is_at_rest: bool) -> &'static str {
-        match &self.end {
-            End::Interrupted { .. } => "interrupted",
-            End::Completed if self.goal_reached() => "goal",
-            End::Completed if is_at_rest => "rest",
+        match self.failure {
+            None if self.goal_reached() => "goal",
+            None if is_at_rest => "rest",
             _ => "ended",
         }
     }
 
     fn goal_reached(&self) -> bool {
-        let (goal, task) = (Goal::default(), &self.summary.task);
-        self.summary.completed
-            && task.final_position_mm <= goal.position_mm
-            && task.final_orientation_deg <= goal.orientation_deg
+        is_at_goal(self.summary.completed, &self.summary.task)
     }
 }
 
@@ -212,7 +209,7 @@ impl Stage<'_> {
             end: ran.ending(is_at_rest),
             reason: ran.summary.reason.clone(),
             goal_reached,
-            recovered: ran.end == End::Completed
+            recovered: ran.failure.is_none()
                 && last.is_some_and(|state| state.drive == DRIVE_ACTIVE),
             restarts: ran.summary.processes.iter().map(|one| one.restarts).sum(),
             messages: ran.messages,
@@ -227,22 +224,27 @@ impl Stage<'_> {
             let excursion = self.excursion(ran, base, truth, &mut verdict)?;
             let is_same = ran.summary.topics == again.summary.topics
                 && ran.summary.ticks == again.summary.ticks;
-            verdict.unless(is_same, "repeat", || {
-                "the saved plan gives other bytes".to_owned()
-            });
+            verdict.unless(is_same, "repeat", "the saved plan gives other bytes");
             (cell.excursion, cell.replayed_identically) = (Some(excursion), Some(is_same));
             // Nothing of a dead incarnation is taken in: it leaves no trace in any message.
             let is_zombie = !ran.summary.faults.is_empty()
                 && ran.faults().all(|(_, fault)| fault.kind == Kind::Zombie);
-            let words = || "messages of a dead incarnation have changed the run".to_owned();
-            verdict.unless(!is_zombie || is_base(base), "fence", words);
-            verdict.unless(again.left_behind.is_empty(), "left-behind", || {
-                again.left_behind.join(", ")
-            });
+            verdict.unless(
+                !is_zombie || is_base(base),
+                "fence",
+                "messages of a dead incarnation have changed the run",
+            );
+            verdict.unless(
+                again.left_behind.is_empty(),
+                "left-behind",
+                again.left_behind.join(", "),
+            );
         }
-        verdict.unless(ran.left_behind.is_empty(), "left-behind", || {
-            ran.left_behind.join(", ")
-        });
+        verdict.unless(
+            ran.left_behind.is_empty(),
+            "left-behind",
+            ran.left_behind.join(", "),
+        );
         cell.broken = verdict.0;
         Ok(cell)
     }
@@ -251,34 +253,24 @@ impl Stage<'_> {
     /// drives' doing.
     fn motion(&self, ran: &Ran, truth: &[PlantState], verdict: &mut Verdict) -> Motion {
         let limits = recorder::Limits::of(self.robot);
-        let raise = |most: &mut f64, values: &[f64], limits: &[f64]| {
-            for (value, limit) in values.iter().zip(limits) {
-                *most = larger(*most, share(*value, *limit));
-            }
-        };
-        let mut motion = Motion {
+        let pairs = truth.array_windows();
+        let pairs = pairs.filter(|[a, b]| a.header.tick + 1 == b.header.tick);
+        let steps = pairs.map(|[a, b]| std::array::from_fn(|i| b.tau[i] - a.tau[i]));
+        let motion = Motion {
+            torque_max_ratio: most(truth.iter().map(|state| state.tau), &limits.effort),
+            speed_max_ratio: most(truth.iter().map(|state| state.qdot), &limits.velocity),
+            torque_step_max_ratio: most(steps, &limits.effort),
             stale_ticks: ran.stale_ticks(),
-            ..Motion::default()
         };
-        let (mut is_finite, mut before) = (true, None::<&PlantState>);
-        for state in truth {
-            let PlantState { tau, q, qdot, .. } = state;
-            raise(&mut motion.torque_max_ratio, tau, &limits.effort);
-            raise(&mut motion.speed_max_ratio, qdot, &limits.velocity);
-            let tick = state.header.tick;
-            if let Some(before) = before.filter(|before| before.header.tick + 1 == tick) {
-                let step: [f64; MAX_DOF] = std::array::from_fn(|i| tau[i] - before.tau[i]);
-                raise(&mut motion.torque_step_max_ratio, &step, &limits.effort);
-            }
-            is_finite &= tau.iter().chain(q).chain(qdot).all(|x| x.is_finite());
-            before = Some(state);
-        }
-        verdict.unless(is_finite, "finite", || "the plant's state".to_owned());
+        let is_finite = |PlantState { tau, q, qdot, .. }: &PlantState| {
+            [tau, q, qdot].into_iter().flatten().all(|x| x.is_finite())
+        };
+        verdict.unless(truth.iter().all(is_finite), "finite", "the plant's state");
         let mut unfresh = truth
             .iter()
             .filter(|state| state.drive == DRIVE_ACTIVE && state.drive_flags & NOT_FRESH != 0);
         let tick = unfresh.next().map(|state| state.header.tick);
-        verdict.unless(tick.is_none(), "fresh", || format!("at tick {tick:?}"));
+        verdict.unless(tick.is_none(), "fresh", format_args!("at tick {tick:?}"));
         let has_drives = !ran.has(Kind::Drive);
         for (check, value, most, is_meant) in [
             ("torque", motion.torque_max_ratio, 1.0 + 1e-9, true),
@@ -295,9 +287,11 @@ impl Stage<'_> {
                 has_drives,
             ),
         ] {
-            verdict.unless(!is_meant || value <= most, check, || {
-                format!("{check} {value:.3} of its limit, {most:.3} is allowed")
-            });
+            verdict.unless(
+                !is_meant || value <= most,
+                check,
+                format_args!("{check} {value:.3} of its limit, {most:.3} is allowed"),
+            );
         }
         motion
     }
@@ -326,30 +320,40 @@ impl Stage<'_> {
         let settled_ms = first
             .and_then(|at| settled(truth, at))
             .map(|ticks| ticks as f64 * 1e3 / ran.rate_hz());
-        let excursion = Excursion {
-            excursion_max_rad: farthest(&base.truth, truth, joints_apart),
-            excursion_max_mm: 1e3 * farthest(&base.truth, truth, hands_apart),
+        let rad = farthest(&base.truth, truth, joints_apart);
+        let mm = 1e3 * farthest(&base.truth, truth, hands_apart);
+        verdict.unless(
+            rad <= joint,
+            "joint-excursion",
+            format_args!("{rad:.3} rad off the path, {joint:.3} are allowed"),
+        );
+        verdict.unless(
+            mm <= hand,
+            "hand-excursion",
+            format_args!("{mm:.0} mm off the path, {hand:.0} are allowed"),
+        );
+        let late_ms = settled_ms.unwrap_or_default();
+        verdict.unless(
+            late_ms <= REST_MS,
+            "settled",
+            format_args!("no rest for {late_ms:.0} ms"),
+        );
+        Ok(Excursion {
+            excursion_max_rad: rad,
+            excursion_max_mm: mm,
             excursion_allowed_rad: joint,
             excursion_allowed_mm: hand,
             settled_ms,
-        };
-        let Excursion {
-            excursion_max_rad: rad,
-            excursion_max_mm: mm,
-            ..
-        } = excursion;
-        verdict.unless(rad <= joint, "joint-excursion", || {
-            format!("{rad:.3} rad off the path, {joint:.3} are allowed")
-        });
-        verdict.unless(mm <= hand, "hand-excursion", || {
-            format!("{mm:.0} mm off the path, {hand:.0} are allowed")
-        });
-        let late_ms = settled_ms.unwrap_or_default();
-        verdict.unless(late_ms <= REST_MS, "settled", || {
-            format!("no rest for {late_ms:.0} ms")
-        });
-        Ok(excursion)
+        })
     }
+}
+
+/// The largest share that values of the joints have of their limits.
+fn most(values: impl Iterator<Item = [f64; MAX_DOF]>, limits: &[f64]) -> f64 {
+    let values = values.flat_map(|joints| joints.into_iter().zip(limits));
+    values.fold(0.0, |most, (value, limit)| {
+        larger(most, share(value, *limit))
+    })
 }
 
 /// A torque is in force for a few milliseconds at most.
@@ -357,37 +361,40 @@ fn age(ran: &Ran, stale_ticks: u32, verdict: &mut Verdict) {
     let stale_ms = 1e3 * f64::from(stale_ticks) / ran.rate_hz();
     let is_late = ran.is_lockstep() && stale_ms > STALE_MS;
     let is_young = stale_ticks <= ran.job.scenario.plant.hold_ticks && !is_late;
-    verdict.unless(is_young, "age", || {
-        format!("a torque was in force for {stale_ms:.0} ms")
-    });
+    verdict.unless(
+        is_young,
+        "age",
+        format_args!("a torque was in force for {stale_ms:.0} ms"),
+    );
 }
 
 /// A run ends at its goal or at rest, or at the death of the plant in real time, with a sentence that names the process.
 fn ends(ran: &Ran, is_well: bool, verdict: &mut Verdict) {
     let is_of_world = |fault: &Fault| fault.process == Program::Plant.name();
-    match &ran.end {
-        End::Interrupted { .. } => {}
-        End::Completed => {
+    match &ran.failure {
+        None => {
             let ends_world = !ran.is_lockstep() && ran.faults().any(|(_, fault)| ends_world(fault));
-            verdict.unless(!ends_world, "end", || {
-                "the end of the plant did not end the run".to_owned()
-            });
+            verdict.unless(
+                !ends_world,
+                "end",
+                "the end of the plant did not end the run",
+            );
             // The record of how it ended goes with the volume.
-            verdict.unless(is_well || ran.full_at().is_some(), "end", || {
-                "neither the goal nor rest at the end".to_owned()
-            });
+            verdict.unless(
+                is_well || ran.full_at().is_some(),
+                "end",
+                "neither the goal nor rest at the end",
+            );
         }
         // A busy machine may continue a plant that stands still too late.
-        End::Failed(Mishap::Died { process, .. })
+        Some(Mishap::Died { process, .. })
             if process == Program::Plant.name()
                 && ran
                     .faults()
                     .any(|(_, fault)| is_of_world(fault) && fault.kind.takes_down()) => {}
-        End::Failed(mishap) => {
+        Some(mishap) => {
             let text = mishap.to_string();
-            verdict.unless(false, "end", || {
-                text.lines().next().unwrap_or_default().to_owned()
-            });
+            verdict.unless(false, "end", text.lines().next().unwrap_or_default());
         }
     }
 }
@@ -401,16 +408,18 @@ fn lives(ran: &Ran, verdict: &mut Verdict) {
         let hangs = |fault: &Fault| fault.process == seen.process && fault.kind == Kind::Hang;
         let is_ours = seen.kind == "exit" && is_corrupted
             || seen.plan.is_some() && ran.faults().any(|(_, fault)| hangs(fault));
-        verdict.unless(is_ours, "unrequested-end", || seen.detail.clone());
+        verdict.unless(is_ours, "unrequested-end", &seen.detail);
     }
     for (seen, fault) in ran.faults().filter(|(seen, _)| !detected(seen)) {
         let is_due = seen.tick + (TIME_TO_RETURN_S * ran.rate_hz()) as u64 <= ran.summary.ticks;
         let ends_run = ends_world(fault) && !ran.is_lockstep();
         if fault.kind.ends_process(fault.way) && is_due && !ends_run {
             let is_back = seen.detected_ms.is_some() && seen.recovered_ms.is_some();
-            verdict.unless(is_back, "death", || {
-                format!("{}: not detected, or not started again", seen.detail)
-            });
+            verdict.unless(
+                is_back,
+                "death",
+                format_args!("{}: not detected, or not started again", seen.detail),
+            );
         }
     }
 }
@@ -422,7 +431,7 @@ fn follows(ran: &Ran, truth: &[PlantState], verdict: &mut Verdict) {
         let has_time = seen.tick + (TIME_TO_RETURN_S * ran.rate_hz()) as u64 + second;
         fault.kind.ends_process(fault.way) && !ends_world(fault) && has_time <= ran.summary.ticks
     };
-    if ran.is_lockstep() || ran.end != End::Completed || !ran.faults().all(is_old) {
+    if ran.is_lockstep() || ran.failure.is_some() || !ran.faults().all(is_old) {
         return;
     }
     let last = truth.iter().rev().take(second as usize);
@@ -430,9 +439,11 @@ fn follows(ran: &Ran, truth: &[PlantState], verdict: &mut Verdict) {
         let follows = state.drive == DRIVE_ACTIVE;
         (total + 1, following + u64::from(follows))
     });
-    verdict.unless(2 * following >= total, "follow", || {
-        format!("the drives followed the controller in {following} of the last {total} ticks")
-    });
+    verdict.unless(
+        2 * following >= total,
+        "follow",
+        format_args!("the drives followed the controller in {following} of the last {total} ticks"),
+    );
 }
 
 /// Nothing is lost but what a dead recorder could not take in, and everything that was written can be read.
@@ -448,28 +459,30 @@ fn record(ran: &Ran, verdict: &mut Verdict) {
         true => recorder.lost,
         false => ran.messages.lost,
     };
-    verdict.unless(lost <= ticks * topics, "lost", || {
-        format!("{lost} messages lost, {} are allowed", ticks * topics)
-    });
+    verdict.unless(
+        lost <= ticks * topics,
+        "lost",
+        format_args!("{lost} messages lost, {} are allowed", ticks * topics),
+    );
     let has_account = recorder.messages > 0;
     match full_at {
         Some(full) => {
             let is_known = !has_account
                 || !recorder.error.is_empty()
                 || ran.summary.ticks <= full + rate_hz as u64;
-            verdict.unless(is_known, "volume", || {
-                "no message said that the volume was full".to_owned()
-            });
+            verdict.unless(
+                is_known,
+                "volume",
+                "no message said that the volume was full",
+            );
         }
         None if has_account => {
-            verdict.unless(recorder.error.is_empty(), "recording", || {
-                recorder.error.clone()
-            });
+            verdict.unless(recorder.error.is_empty(), "recording", &recorder.error);
             let run = Run {
                 folder: ran.job.out.clone(),
             };
             let (damage, _) = run.message_damage(&ran.job, Some(&ran.summary));
-            verdict.unless(damage.is_empty(), "files", || damage.join("; "));
+            verdict.unless(damage.is_empty(), "files", damage.join("; "));
         }
         None => {}
     }
@@ -478,27 +491,23 @@ fn record(ran: &Ran, verdict: &mut Verdict) {
     }
 }
 
-/// Whether a tick has a message of the plant: one whose numbers a fault has spoilt is refused, the other one is there.
-fn has_message(row: &Row) -> bool {
-    let messages = row.messages();
-    messages.sensor.is_some() || messages.plant_state.is_some()
-}
-
-/// The record has messages of every tick but those that may be missing.
+/// The record has messages of the plant of every tick but those that may be missing: one whose numbers a fault has spoilt is refused, the other one is
+/// there.
 fn rows(ran: &Ran, ticks: u64, verdict: &mut Verdict) {
     let (rate_hz, full_at) = (ran.rate_hz(), ran.full_at());
-    let rows = match Ticks::open_left(&ran.job.out.join(MESSAGES), &ran.job) {
-        Ok(rows) => rows.filter(|row| has_message(row)).count() as u64,
-        Err(error) => return verdict.unless(false, "files", || error.to_string()),
-    };
+    let samples = ran.samples.iter().map(|sample| sample.header.tick);
+    let states = ran.truth.iter().map(|state| state.header.tick);
+    let rows = samples.chain(states).collect::<BTreeSet<_>>().len() as u64;
     // A full volume costs the messages in hand, and those that come until it is detected.
     let in_hand = (IN_HAND_S * rate_hz) as u64;
     let due = full_at.map_or(ran.summary.ticks, |full| {
         full.saturating_sub(in_hand).min(ran.summary.ticks)
     });
-    verdict.unless(rows + ticks + 1 >= due, "rows", || {
-        format!("the record has messages of {rows} ticks of {due}, {ticks} may be missing")
-    });
+    verdict.unless(
+        rows + ticks + 1 >= due,
+        "rows",
+        format_args!("the record has messages of {rows} ticks of {due}, {ticks} may be missing"),
+    );
 }
 
 /// Largest difference of a joint; rad.

@@ -1,19 +1,19 @@
 //! A run in its processes, of which faults are requested before its first tick, as `armplane fault` would; and what is seen of it.
 
-use launcher::{End, Outcome};
+use launcher::{Failure as Mishap, Outcome};
 use model::Robot;
 use recorder::{Contents, RecordReader};
-use runtime::{ControlPage, MOST_WHEN_REQUESTED, RunDir, random};
+use runtime::{ControlPage, Counts, RunDir, random};
 use serde::Serialize;
 use session::{Failure, Results};
 use shared_types::fault::Fault;
 use shared_types::job::Job;
 use shared_types::process::Program;
-use shared_types::scenario::Scenario;
 use shared_types::summary::Summary;
 use shared_types::{Message, PlantState, SensorSample};
 
 use super::without::Without;
+use crate::end::mishap;
 
 /// What all runs of an experiment share. Their files are in one folder, each run's in the place of the last one's.
 pub(super) struct Stage<'a> {
@@ -26,7 +26,8 @@ pub(super) struct Stage<'a> {
 /// All that is seen of a run.
 pub(super) struct Ran {
     pub(super) job: Job,
-    pub(super) end: End,
+    /// Why it ended before its task did.
+    pub(super) failure: Option<Mishap>,
     pub(super) summary: Summary,
     pub(super) messages: Messages,
     pub(super) truth: Vec<PlantState>,
@@ -35,14 +36,12 @@ pub(super) struct Ran {
 }
 
 impl Stage<'_> {
-    /// Runs a scenario with live faults.
-    pub(super) fn run(&self, scenario: Scenario, live: &[Fault]) -> Result<Ran, Failure> {
-        let job = Job {
-            scenario,
-            // The judge of a cell reads the record.
-            record: true,
-            ..self.job.clone()
-        };
+    /// Runs the scenario with planned faults, and with live ones.
+    pub(super) fn run(&self, planned: Vec<Fault>, live: &[Fault]) -> Result<Ran, Failure> {
+        let mut job = self.job.clone();
+        job.scenario.fault = planned;
+        // The judge of a cell reads the record.
+        job.record = true;
         self.results.clear()?;
         let mut plan = session::plan(&job)?;
         self.without
@@ -65,7 +64,7 @@ impl Stage<'_> {
             truth: messages_of(&job),
             samples: messages_of(&job),
             left_behind: names.iter().flat_map(|name| left_over(name)).collect(),
-            end: outcome.end,
+            failure: mishap(&outcome.end)?.cloned(),
             job,
             summary,
             messages,
@@ -88,55 +87,35 @@ pub struct Messages {
     pub lost: u64,
 }
 
-impl Messages {
-    pub(super) fn of(sent: u64, taken_in: u64, refused: u64, fenced: u64) -> Self {
-        let lost = if taken_in == 0 {
-            0
-        } else {
-            sent.saturating_sub(taken_in + refused + fenced)
-        };
-        Self {
-            sent,
-            taken_in,
-            refused,
-            fenced,
-            lost,
-        }
-    }
-}
-
 /// The messages that the processes of a run have counted.
 fn counted(outcome: &Outcome, taken_in: u64) -> Messages {
-    let recorder = outcome
-        .processes
-        .iter()
-        .find(|one| one.name == Program::Recorder.name());
-    let counts = recorder.map(|one| one.counts).unwrap_or_default();
-    let sent = outcome
-        .processes
-        .iter()
-        .map(|process| process.counts.sent)
-        .sum();
-    Messages::of(sent, taken_in, counts.refused, counts.fenced)
+    let mut processes = outcome.processes.iter();
+    let sent = processes.clone().map(|process| process.counts.sent).sum();
+    let recorder = processes.find(|one| one.name == Program::Recorder.name());
+    let Counts {
+        refused, fenced, ..
+    } = recorder.map(|one| one.counts).unwrap_or_default();
+    let lost = match taken_in {
+        0 => 0,
+        _ => u64::saturating_sub(sent, taken_in + refused + fenced),
+    };
+    Messages {
+        sent,
+        taken_in,
+        refused,
+        fenced,
+        lost,
+    }
 }
 
 fn request(page: &ControlPage, job: &Job, live: &[Fault]) -> Result<(), Failure> {
     for (number, fault) in live.iter().enumerate() {
-        let target = job.graph.target(&fault.process);
-        let target = target.ok_or_else(|| {
-            Failure::Input(format!("the graph has no process `{}`", fault.process))
-        })?;
-        let scheduled = fault.schedule(
-            &target,
-            job.scenario.rate_hz,
-            random(job.scenario.seed, number as u64),
-        );
+        let (rate_hz, seed) = (job.scenario.rate_hz, job.scenario.seed);
+        let schedule = |target| fault.schedule(&target, rate_hz, random(seed, number as u64));
+        let scheduled = job.graph.target(&fault.process).map(schedule).transpose();
         let scheduled = scheduled.map_err(Failure::input)?;
-        if page.fault_table().request(&scheduled).is_none() {
-            return Err(Failure::Work(format!(
-                "a run has room for {MOST_WHEN_REQUESTED} faults"
-            )));
-        }
+        let place = scheduled.and_then(|fault| page.fault_table().request(&fault));
+        place.ok_or_else(|| Failure::Work(format!("the run does not take this fault: {fault}")))?;
     }
     Ok(())
 }

@@ -2,7 +2,6 @@
 
 pub mod compare;
 pub mod posture;
-pub mod posture_text;
 pub mod steered;
 
 pub use first::{Shape, begin};
@@ -10,3 +9,4 @@ pub use first::{Shape, begin};
 pub(crate) mod singular_lines;
 
 mod first;
+mod posture_text;

@@ -11,7 +11,9 @@ use shared_types::{SingularityReport, codes};
 use crate::trial::bare;
 
 /// The arm at a posture and velocity. SI units, base axes; rows of J are [v; ω].
-pub struct Posture {
+pub struct Posture<'a> {
+    /// The arm.
+    pub robot: &'a Robot,
     /// The end-effector frame.
     pub frame: String,
     /// Joint positions, n; rad (m).
@@ -19,7 +21,7 @@ pub struct Posture {
     /// Joint velocities, n; rad/s (m/s).
     pub qdot: Vec<f64>,
     /// X_BE, homogeneous.
-    pub pose: [[f64; 4]; 4],
+    pub pose: DMatrix<f64>,
     /// J, 6×n.
     pub J: DMatrix<f64>,
     /// A, n×n; kg·m².
@@ -46,22 +48,22 @@ pub struct Posture {
 ///
 /// # Errors
 /// A robot of more joints than are compiled, an unknown frame.
-pub fn evaluate(
-    robot: &Robot,
+pub fn evaluate<'a>(
+    robot: &'a Robot,
     frame: Option<&str>,
     q: &[f64],
     qdot: &[f64],
-) -> Result<Posture, Failure> {
+) -> Result<Posture<'a>, Failure> {
     with_dof!(robot.dof(), N => at::<N>(robot, frame, q, qdot))
         .unwrap_or_else(|| Err(Failure::input(Refused::size(robot))))
 }
 
-fn at<const N: usize>(
-    robot: &Robot,
+fn at<'a, const N: usize>(
+    robot: &'a Robot,
     frame: Option<&str>,
     q: &[f64],
     qdot: &[f64],
-) -> Result<Posture, Failure> {
+) -> Result<Posture<'a>, Failure> {
     let model = Model::<N>::new(robot, frame).map_err(Failure::input)?;
     let (n, q_vector, qdot_vector) = (robot.dof(), embedded::<N>(q), embedded::<N>(qdot));
     let terms = model.evaluate(&q_vector, &qdot_vector);
@@ -79,12 +81,15 @@ fn at<const N: usize>(
     let singular_values = J.singular_values().as_slice().to_vec();
     let (R, p) = (terms.X_BE.R, terms.X_BE.p);
     Ok(Posture {
+        robot,
         frame: frame.unwrap_or(&robot.default_frame).to_owned(),
         q: q.to_vec(),
         qdot: qdot.to_vec(),
-        pose: std::array::from_fn(|i| match i {
-            3 => [0.0, 0.0, 0.0, 1.0],
-            i => [R[(i, 0)], R[(i, 1)], R[(i, 2)], p[i]],
+        pose: DMatrix::from_fn(4, 4, |row, column| match (row, column) {
+            (3, 3) => 1.0,
+            (3, _) => 0.0,
+            (_, 3) => p[row],
+            _ => R[(row, column)],
         }),
         det: (n == 6).then(|| J.determinant()),
         J,
@@ -106,7 +111,7 @@ fn rows(matrix: &DMatrix<f64>) -> Vec<Vec<f64>> {
         .collect()
 }
 
-impl Posture {
+impl Posture<'_> {
     /// Each singularity of the report with its name.
     pub fn singularities(&self) -> impl Iterator<Item = (&str, &shared_types::SingularityState)> {
         let listed = self.report.listed().iter().enumerate();
@@ -127,7 +132,7 @@ impl Posture {
     }
 
     /// All of it as JSON.
-    pub fn json(&self, robot: &Robot) -> Value {
+    pub fn json(&self) -> Value {
         let singularities: Vec<Value> = self
             .singularities()
             .map(|(name, s)| {
@@ -139,11 +144,11 @@ impl Posture {
             })
             .collect();
         json!({
-            "robot": robot.name, "frame": self.frame, "q": self.q, "qdot": self.qdot, "pose": self.pose,
+            "robot": self.robot.name, "frame": self.frame, "q": self.q, "qdot": self.qdot, "pose": rows(&self.pose),
             "J": rows(&self.J), "A": rows(&self.A), "gravity": self.gravity, "bias": self.bias, "Jdot_qdot": self.Jdot_qdot,
             "det": self.det, "singular_values": self.singular_values, "rank": self.report.rank,
             "scaled_singular_values": self.scaled_singular_values, "length_m": self.report.length_m, "condition": self.condition(),
-            "manipulability": self.report.manipulability, "singularities": singularities, "notes": robot.notes,
+            "manipulability": self.report.manipulability, "singularities": singularities, "notes": self.robot.notes,
         })
     }
 }

@@ -2,7 +2,6 @@
 
 use std::fmt;
 
-use model::Robot;
 use nalgebra::DMatrix;
 use session::table::{Fitted, count, number, table};
 use shared_types::codes;
@@ -11,29 +10,20 @@ use viz::digits;
 use super::posture::Posture;
 
 /// Tables of joints and singularities, matrices, singular values and remarks.
-pub struct PostureText<'a> {
-    /// The evaluated posture.
-    pub posture: &'a Posture,
-    /// The arm.
-    pub robot: &'a Robot,
-}
-
-impl fmt::Display for PostureText<'_> {
+impl fmt::Display for Posture<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { posture, robot } = self;
+        let Self { robot, frame, .. } = self;
         writeln!(
             f,
-            "{} at frame {}, base axes, SI units\n\n{}",
+            "{} at frame {frame}, base axes, SI units\n\n{}",
             robot.name,
-            posture.frame,
             self.joints()
         )?;
-        let pose = DMatrix::from_fn(4, 4, |row, column| posture.pose[row][column]);
-        matrix(f, "pose X_BE", &pose)?;
-        matrix(f, "J, rows [v; ω]", &posture.J)?;
-        matrix(f, "A, kg·m²", &posture.A)?;
+        matrix(f, "pose X_BE", &self.pose)?;
+        matrix(f, "J, rows [v; ω]", &self.J)?;
+        matrix(f, "A, kg·m²", &self.A)?;
         self.measures(f)?;
-        writeln!(f, "{}", self.singularities())?;
+        writeln!(f, "{}", self.singularity_table())?;
         writeln!(
             f,
             "κ₁: how far null-space motion moves the hand along ζ; κ₂: how far it turns ζ."
@@ -43,9 +33,8 @@ impl fmt::Display for PostureText<'_> {
     }
 }
 
-impl PostureText<'_> {
+impl Posture<'_> {
     fn joints(&self) -> Fitted {
-        let posture = self.posture;
         let mut joints = table(&[
             "joint", "q rad, m", "q", "lower", "upper", "gravity", "bias", "limit",
         ]);
@@ -61,14 +50,14 @@ impl PostureText<'_> {
             let at = |q: f64| known(q, format!("{:.2}{place}", joint.kind.shown(q)));
             // Rounding of a torque of zero.
             let under = |x: f64| known(x, format!("{} {load}", near_zero(x)));
-            let q = posture.q[i];
+            let q = self.q[i];
             let numbers = [
                 format!("{q:.6}"),
                 at(q),
                 at(joint.lower),
                 at(joint.upper),
-                under(posture.gravity[i]),
-                under(posture.bias[i]),
+                under(self.gravity[i]),
+                under(self.bias[i]),
                 under(joint.effort),
             ];
             let name = [joint.name.as_str().into()].into_iter();
@@ -79,12 +68,12 @@ impl PostureText<'_> {
 
     /// Determinant, singular values, rank.
     fn measures(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (posture, report) = (self.posture, &self.posture.report);
+        let report = &self.report;
         let list = |values: &[f64]| {
             let values = values.iter().map(|value| near_zero(*value));
             values.collect::<Vec<_>>().join("  ")
         };
-        let (rank, served) = (report.rank as usize, posture.served);
+        let (rank, served) = (report.rank as usize, self.served);
         let lost = match served.saturating_sub(rank) {
             0 => String::new(),
             lost => format!(
@@ -92,29 +81,29 @@ impl PostureText<'_> {
                 count(lost as u64, "direction")
             ),
         };
-        if let Some(det) = posture.det {
+        if let Some(det) = self.det {
             writeln!(f, "det J            {}", near_zero(det))?;
         }
-        writeln!(f, "singular values  {}", list(&posture.singular_values))?;
+        writeln!(f, "singular values  {}", list(&self.singular_values))?;
         writeln!(
             f,
             "unit-scaled      {}  (lengths / {} m, {})",
-            list(&posture.scaled_singular_values[..served]),
+            list(&self.scaled_singular_values[..served]),
             digits(report.length_m),
             self.centre()
         )?;
         writeln!(
             f,
             "condition {}, manipulability {}; rank {rank} of {served}{lost}\n",
-            condition(posture.condition()),
+            condition(self.condition()),
             near_zero(report.manipulability)
         )
     }
 
     /// The point of the hand whose Jacobian is unit-scaled.
     fn centre(&self) -> &'static str {
-        let (C, X_BE) = (self.posture.report.p_BC, self.posture.pose);
-        let is_hand = (0..3).all(|axis| (C[axis] - X_BE[axis][3]).abs() < ZERO);
+        let (C, X_BE) = (self.report.p_BC, &self.pose);
+        let is_hand = (0..3).all(|axis| (C[axis] - X_BE[(axis, 3)]).abs() < ZERO);
         if is_hand {
             "at the hand"
         } else {
@@ -122,7 +111,7 @@ impl PostureText<'_> {
         }
     }
 
-    fn singularities(&self) -> Fitted {
+    fn singularity_table(&self) -> Fitted {
         let mut rows = table(&[
             "singularity",
             "s",
@@ -133,7 +122,7 @@ impl PostureText<'_> {
             "κ₂",
             "ζ (base axes)",
         ]);
-        for (name, s) in self.posture.singularities() {
+        for (name, s) in self.singularities() {
             let (kind, at) = if s.angular != 0 { ("ω", 3) } else { ("v", 0) };
             let [x, y, z] = [0, 1, 2].map(|axis| unsigned(s.zeta_B[at + axis], 3));
             rows.add_row([

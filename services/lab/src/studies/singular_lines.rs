@@ -8,7 +8,7 @@
 
 use control::linear::{rotation_exp, symmetric_eigen};
 use control::plan::kinematics::{Kinematics, SOLVED};
-use control::{Analyzer, Class, Kind, Singularity};
+use control::{Analyzer, Class, Kind, Report};
 use lines::{direction, straight};
 use model::{Model, Pose, Refused, Robot, with_dof};
 use nalgebra::{DMatrix, DVector, Matrix2, SVector, Vector2, Vector3};
@@ -17,7 +17,7 @@ use shared_types::random::Uniform;
 use shared_types::scenario::Scenario;
 use std::f64::consts::PI;
 
-use crate::studies::compare::name_of;
+use crate::studies::compare::{Drawn, Lines, name_of};
 
 /// Unit-scaled singular value, and |s|, that count as zero.
 const LOCKED: (f64, f64) = (1e-9, 1e-8);
@@ -44,8 +44,8 @@ const SHORTEST: f64 = 1e-5;
 const REST: f64 = 1e-3;
 
 /// The part of a line at which the arm is singular.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Where {
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Where {
     /// It starts there.
     Start,
     /// It passes there.
@@ -56,7 +56,7 @@ pub(crate) enum Where {
 
 impl Where {
     /// `start`, `middle` or `end`.
-    pub(crate) fn name(self) -> &'static str {
+    fn name(self) -> &'static str {
         match self {
             Self::Start => "start",
             Self::Middle => "middle",
@@ -65,71 +65,36 @@ impl Where {
     }
 }
 
-/// Lines through one singularity each, or through two at once.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Through {
-    /// Each singularity in turn.
-    One,
-    /// Each pair in turn.
-    Two,
-}
-
-/// One line.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct SingularLine {
-    /// The singularities that hold exactly.
-    pub(crate) kinds: Vec<Kind>,
-    pub(crate) place: Where,
-    /// The run: start posture and one segment.
-    pub(crate) scenario: Scenario,
-}
-
-impl SingularLine {
-    /// The names of its singularities, joined by `+`.
-    pub(crate) fn names(&self) -> String {
-        let names = self.kinds.iter().map(|kind| name_of(*kind));
-        names.collect::<Vec<_>>().join("+")
-    }
-}
-
-/// `count` lines for each singularity (or pair) of an arm, or fewer where draws find no more; their speed has a peak of `speed` m/s.
-///
-/// `template` gives everything but start and task.
+/// The lines that are wanted of each singularity (or pair) of an arm, or fewer where draws find no more. `template` gives everything but start and task,
+/// the seed of the draws too.
 ///
 /// # Errors
 /// [`Refused`] for an arm of a size that nothing is built for.
 pub(crate) fn singular_lines(
     robot: &Robot,
     template: &Scenario,
-    through: Through,
-    (seed, count, speed): (u64, u32, f64),
+    lines: &Lines<'_>,
     observer: Observer<'_>,
-) -> Result<Vec<SingularLine>, Refused> {
-    with_dof!(robot.dof(), N => sized::<N>(robot, template, through, (seed, count, speed), observer))
+) -> Result<Vec<Drawn>, Refused> {
+    with_dof!(robot.dof(), N => sized::<N>(robot, template, lines, observer))
         .unwrap_or_else(|| Err(Refused::size(robot)))
 }
 
-impl Through {
-    /// The singularities, or the pairs of them, that lines go through.
-    fn of(self, mut kinds: Vec<Kind>) -> Vec<Vec<Kind>> {
-        if self == Self::One {
-            return kinds.into_iter().map(|kind| vec![kind]).collect();
-        }
-        // A direction that no name explains is none of a pair: nothing tells one such direction from another.
-        kinds.retain(|kind| *kind != Kind::Numeric);
-        let pairs = kinds.iter().enumerate();
-        let pairs = pairs.flat_map(|(i, a)| kinds[i + 1..].iter().map(|b| vec![*a, *b]));
-        pairs.collect()
-    }
+/// The pairs of singularities that lines go through.
+fn pairs(mut kinds: Vec<Kind>) -> Vec<Vec<Kind>> {
+    // A direction that no name explains is none of a pair: nothing tells one such direction from another.
+    kinds.retain(|kind| *kind != Kind::Numeric);
+    let pairs = kinds.iter().enumerate();
+    let pairs = pairs.flat_map(|(i, a)| kinds[i + 1..].iter().map(|b| vec![*a, *b]));
+    pairs.collect()
 }
 
 fn sized<const N: usize>(
     robot: &Robot,
     template: &Scenario,
-    through: Through,
-    (seed, count, speed): (u64, u32, f64),
+    lines: &Lines<'_>,
     observer: Observer<'_>,
-) -> Result<Vec<SingularLine>, Refused> {
+) -> Result<Vec<Drawn>, Refused> {
     let model = Model::<N>::new(robot, None).map_err(Refused::because)?;
     let arm = Kinematics {
         model: &model,
@@ -142,39 +107,43 @@ fn sized<const N: usize>(
         arm,
         analyzer: Analyzer::new(robot, &template.analysis),
         template,
-        speed,
+        speed: lines.speed,
     };
     let mut kinds: Vec<Kind> = vec![];
-    for (kind, _) in draw.at(&SVector::from_fn(|i, _| 0.3 + 0.37 * i as f64)) {
-        if !kinds.contains(&kind) {
-            kinds.push(kind);
+    let report = draw.report(&SVector::from_fn(|i, _| 0.3 + 0.37 * i as f64));
+    for one in report.listed() {
+        if !kinds.contains(&one.kind) {
+            kinds.push(one.kind);
         }
     }
-    let wanted = through.of(kinds);
-    let mut random = Uniform(seed);
-    let mut lines = vec![];
+    let wanted = match lines.pairs {
+        true => pairs(kinds),
+        false => kinds.into_iter().map(|kind| vec![kind]).collect(),
+    };
+    let mut random = Uniform(template.seed);
+    let mut drawn = vec![];
     // Each in turn, so that a smaller number of lines is the beginning of a larger one.
     let mut given_up = vec![false; wanted.len()];
     let title = format!("drawing lines of {}", robot.name);
     observer(Progress::Begin {
         title: &title,
-        length: u64::from(count) * wanted.len() as u64,
+        length: u64::from(lines.count) * wanted.len() as u64,
         unit: "lines",
     });
-    for number in 0..count {
+    for number in 0..lines.count {
         for (kinds, given_up) in wanted.iter().zip(&mut given_up) {
             observer(Progress::Step);
             if *given_up {
                 continue;
             }
-            match draw.line(kinds, number, lines.len(), &mut random) {
-                Some(line) => lines.push(line),
+            match draw.line(kinds, number, drawn.len(), &mut random) {
+                Some(line) => drawn.push(line),
                 None => *given_up = true,
             }
         }
     }
     observer(Progress::End);
-    Ok(lines)
+    Ok(drawn)
 }
 
 struct Draw<'a, const N: usize> {
@@ -186,25 +155,17 @@ struct Draw<'a, const N: usize> {
 }
 
 impl<const N: usize> Draw<'_, N> {
-    /// Kind and signed s of each singularity, in a posture that none came before.
-    fn at(&self, q: &SVector<f64, N>) -> Vec<(Kind, f64)> {
-        self.report(q).iter().map(|s| (s.0, s.1)).collect()
+    /// The singularities in a posture that none came before.
+    fn report(&self, q: &SVector<f64, N>) -> Report<N> {
+        let zero = SVector::zeros();
+        let terms = self.arm.model.evaluate(q, &zero);
+        self.analyzer.clone().step(q, &zero, &terms)
     }
 
-    /// Kind, s, class, and the normal of the boundary where it is one that a path can run along.
-    fn report(&self, q: &SVector<f64, N>) -> Vec<(Kind, f64, Class, Option<Vector3<f64>>)> {
-        let zero = SVector::zeros();
-        let report = self
-            .analyzer
-            .clone()
-            .step(q, &zero, &self.arm.model.evaluate(q, &zero));
-        let boundary =
-            |s: &Singularity<N>| (s.kind == Kind::Overhead && s.kappa_1 > 0.0).then(|| s.axis());
-        report
-            .listed()
-            .iter()
-            .map(|s| (s.kind, s.s, s.class, boundary(s)))
-            .collect()
+    /// A value for each joint; 0 for those that fill the arm up.
+    fn joints(&self, mut value: impl FnMut(usize) -> f64) -> SVector<f64, N> {
+        let dof = self.robot.dof();
+        SVector::from_fn(|i, _| if i < dof { value(i) } else { 0.0 })
     }
 
     fn limits(&self, i: usize) -> (f64, f64) {
@@ -235,12 +196,8 @@ impl<const N: usize> Draw<'_, N> {
         h: f64,
         f: impl Fn(&SVector<f64, N>) -> f64,
     ) -> SVector<f64, N> {
-        let dof = self.robot.dof();
-        SVector::from_fn(|i, _| {
-            if i >= dof {
-                return 0.0;
-            }
-            let by = SVector::from_fn(|k, _| if k == i { h } else { 0.0 });
+        self.joints(|i| {
+            let by = self.joints(|k| if k == i { h } else { 0.0 });
             (f(&(q + by)) - f(&(q - by))) / (2.0 * h)
         })
     }
@@ -263,11 +220,10 @@ impl<const N: usize> Draw<'_, N> {
     /// Onto s_a = s_b = 0 by Gauss-Newton steps.
     fn onto_two(&self, mut q: SVector<f64, N>, kinds: &[Kind]) -> Option<SVector<f64, N>> {
         let s = |q: &SVector<f64, N>, kind: Kind| {
-            let all = self.at(q);
-            let of_kind = all.iter().filter(|one| one.0 == kind).map(|one| one.1);
-            of_kind
-                .min_by(|a, b| a.abs().total_cmp(&b.abs()))
-                .unwrap_or(1.0)
+            let report = self.report(q);
+            let of_kind = report.listed().iter().filter(|one| one.kind == kind);
+            let s = of_kind.map(|one| one.s);
+            s.min_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(1.0)
         };
         for _ in 0..STEPS_ONTO_TWO {
             let here = Vector2::new(s(&q, kinds[0]), s(&q, kinds[1]));
@@ -308,18 +264,17 @@ impl<const N: usize> Draw<'_, N> {
             };
             let mut slope = DMatrix::zeros(2 * free, dof);
             for i in 0..dof {
-                let by = SVector::from_fn(|k, _| if k == i { 1e-6 } else { 0.0 });
+                let by = self.joints(|k| if k == i { 1e-6 } else { 0.0 });
                 slope.set_column(i, &((residual(&(q + by)) - residual(&(q - by))) / 2e-6));
             }
             let step = slope.svd(true, true).solve(&residual(&q), 1e-6).ok()?;
-            q -= SVector::from_fn(|i, _| if i < dof { step[i] } else { 0.0 })
-                * (STEPS.1 / step.amax().max(STEPS.1));
+            q -= self.joints(|i| step[i]) * (STEPS.1 / step.amax().max(STEPS.1));
         }
         None
     }
 
     fn has_spare_joints(&self) -> bool {
-        self.robot.dof() > self.arm.task.iter().filter(|counts| **counts).count()
+        self.robot.dof() > self.robot.task.count()
     }
 
     fn line(
@@ -328,7 +283,7 @@ impl<const N: usize> Draw<'_, N> {
         number: u32,
         index: usize,
         random: &mut Uniform,
-    ) -> Option<SingularLine> {
+    ) -> Option<Drawn> {
         let mut excludes_both = true;
         for draw in 0..DRAWS {
             if draw == DRAWS_ONTO_TWO && excludes_both && !self.has_spare_joints() {
@@ -344,28 +299,30 @@ impl<const N: usize> Draw<'_, N> {
                 continue;
             };
             let report = self.report(&q);
-            let lost: Vec<_> = report.iter().filter(|one| one.1.abs() < 1e-6).collect();
-            if kinds
-                .iter()
-                .any(|kind| !lost.iter().any(|one| one.0 == *kind))
-                || kinds.len() == 1 && lost.len() != 1
-            {
+            let listed = report.listed().iter();
+            let lost: Vec<_> = listed.filter(|one| one.s.abs() < 1e-6).collect();
+            let is_lost = |kind: &Kind| lost.iter().any(|one| one.kind == *kind);
+            if !kinds.iter().all(is_lost) || kinds.len() == 1 && lost.len() != 1 {
                 continue;
             }
             excludes_both = false;
             // A fold is the boundary of what can be reached: a line starts or ends there.
-            let fold = lost.iter().any(|one| one.2 == Class::Type1);
-            let boundary = lost.iter().find_map(|one| one.3);
+            let fold = lost.iter().any(|one| one.class == Class::Type1);
             let place = match (number % 4, fold) {
                 (0 | 2, false) => Where::Middle,
                 (1, _) | (2, true) => Where::Start,
                 _ => Where::End,
             };
+            // Of a boundary that a path can run along.
+            let mut passed = lost.iter().filter(|_| place == Where::Middle);
+            let sphere = passed.find(|one| one.kind == Kind::Overhead && one.kappa_1 > 0.0);
+            let normal = sphere.map_or_else(Vector3::zeros, |one| one.axis());
             for _ in 0..LINES {
-                if let Some(scenario) = self.through(&q, (place, boundary), index, random) {
-                    return Some(SingularLine {
-                        kinds: lost.iter().map(|one| one.0).collect(),
-                        place,
+                if let Some(scenario) = self.through(&q, place, normal, index, random) {
+                    let names: Vec<_> = lost.iter().map(|one| name_of(one.kind)).collect();
+                    return Some(Drawn {
+                        singularities: names.join("+"),
+                        place: place.name(),
                         scenario,
                     });
                 }
@@ -374,11 +331,12 @@ impl<const N: usize> Draw<'_, N> {
         None
     }
 
-    /// A line through the pose of `q`.
+    /// A line through the pose of `q`, along the boundary with this normal; zero: there is none.
     fn through(
         &self,
         q: &SVector<f64, N>,
-        (place, boundary): (Where, Option<Vector3<f64>>),
+        place: Where,
+        normal: Vector3<f64>,
         index: usize,
         random: &mut Uniform,
     ) -> Option<Scenario> {
@@ -387,10 +345,7 @@ impl<const N: usize> Draw<'_, N> {
             Vector3::from_fn(|k, _| if self.arm.task[first + k] { v[k] } else { 0.0 })
         };
         let length = self.arm.length_m * random.within(0.5, 1.0);
-        let inside = boundary
-            .filter(|_| place == Where::Middle)
-            .unwrap_or_else(Vector3::zeros);
-        let tangent = |v: Vector3<f64>| v - inside * inside.dot(&v);
+        let tangent = |v: Vector3<f64>| v - normal * normal.dot(&v);
         let along = tangent(served(direction(random), 0))
             .try_normalize(1e-3)
             .unwrap_or_else(Vector3::zeros)
@@ -464,8 +419,7 @@ impl<const N: usize> Draw<'_, N> {
 
     /// A guess at most so far from `q`.
     fn guess(&self, q: &SVector<f64, N>, by: f64, random: &mut Uniform) -> SVector<f64, N> {
-        let dof = self.robot.dof();
-        q + SVector::from_fn(|i, _| if i < dof { random.within(-by, by) } else { 0.0 })
+        q + self.joints(|_| random.within(-by, by))
     }
 
     /// A posture of the pose `X` within the limits: the one that continues `last`, or another.
@@ -493,12 +447,22 @@ impl<const N: usize> Draw<'_, N> {
 mod tests {
     use super::*;
 
+    fn lines(robot: &str, pairs: bool, count: u32) -> (Robot, Vec<Drawn>) {
+        let lines = Lines {
+            robot: Some(robot),
+            settings: &[],
+            seed: Some(5),
+            count,
+            pairs,
+            speed: 0.28,
+        };
+        let (robot, _, lines) = lines.drawn(&|_| ()).unwrap();
+        (robot, lines)
+    }
+
     #[test]
     fn lines_of_a_planar_arm_ask_for_the_axes_of_its_task_alone() {
-        let robot = Robot::builtin("planar3r").unwrap();
-        let template = crate::trial::bare("lines", "planar3r", &[]).unwrap();
-        let of = (5, 4, 0.28);
-        let lines = singular_lines(&robot, &template, Through::One, of, &|_| ()).unwrap();
+        let (robot, lines) = lines("planar3r", false, 4);
         assert_eq!(lines.len(), 4);
         for line in lines {
             let law = line.scenario.control.strategy;
@@ -509,18 +473,10 @@ mod tests {
 
     #[test]
     fn lines_are_exactly_singular_where_they_say_and_the_same_for_a_seed() {
-        let robot = Robot::builtin("ur5").unwrap();
-        let template = crate::trial::bare("lines", "ur5", &[]).unwrap();
-        let draw = |through, count| {
-            singular_lines(&robot, &template, through, (5, count, 0.28), &|_| ()).unwrap()
-        };
-        let lines = draw(Through::One, 2);
-        assert_eq!(lines.len(), 6);
-        assert_eq!(
-            lines[..3],
-            draw(Through::One, 1)[..],
-            "fewer lines are the beginning of more"
-        );
+        let (robot, more) = lines("ur5", false, 2);
+        assert_eq!(more.len(), 6);
+        let fewer = lines("ur5", false, 1).1;
+        assert_eq!(more[..3], fewer, "fewer lines are the beginning of more");
         let model = Model::<6>::new(&robot, None).unwrap();
         let arm = Kinematics {
             model: &model,
@@ -528,12 +484,12 @@ mod tests {
             task: [true; 6],
             length_m: robot.length_m,
         };
-        for line in lines.iter().filter(|line| line.place == Where::Start) {
+        for line in more.iter().filter(|line| line.place == "start") {
             let q = SVector::from_column_slice(line.scenario.start.q.as_ref().unwrap());
-            assert!(arm.spectrum(&q).smallest() < 1e-8, "{:?}", line.kinds);
+            assert!(arm.spectrum(&q).smallest() < 1e-8, "{line:?}");
         }
-        for line in draw(Through::Two, 1) {
-            assert!(line.kinds.len() >= 2, "{:?}", line.kinds);
+        for line in lines("ur5", true, 1).1 {
+            assert!(line.singularities.contains('+'), "{line:?}");
         }
     }
 }

@@ -39,9 +39,9 @@ pub fn describe(state: &ServoState, kind: impl Fn(usize) -> Option<u32>) -> Stri
         text += &format!("; speed {:.0} %", state.speed_scale * 100.0);
     }
     let place = (state.singularity as usize).checked_sub(1);
-    if let Some((place, kind)) = place
-        .and_then(|place| Some((place, kind(place)?)))
-        .filter(|_| state.nearest < 1e8)
+    if let Some(place) = place
+        && let Some(kind) = kind(place)
+        && state.nearest < 1e8
     {
         text += &format!(
             "; {} at {:.2} of its bound",

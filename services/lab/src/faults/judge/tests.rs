@@ -41,13 +41,17 @@ fn judged(corrupt: impl Fn(&mut Ran)) -> Vec<&'static str> {
     };
     let mut ran = Ran {
         job: stage.job.clone(),
-        end: End::Completed,
+        failure: None,
         summary: Summary {
             completed: true,
             ticks: 10_000,
             ..Summary::default()
         },
-        messages: Messages::of(50_000, 50_000, 0, 0),
+        messages: Messages {
+            sent: 50_000,
+            taken_in: 50_000,
+            ..Messages::default()
+        },
         truth: (0..100)
             .map(|tick| state(tick, 0.0, DRIVE_ACTIVE))
             .collect(),
@@ -78,8 +82,8 @@ fn fault(fault: Fault, at: u64) -> FaultSummary {
     }
 }
 
-fn died(process: &str) -> End {
-    End::Failed(Mishap::Died {
+fn died(process: &str) -> Option<Mishap> {
+    Some(Mishap::Died {
         process: process.to_owned(),
         pid: 1,
         exit: launcher::Exit::Signal(9),
@@ -124,9 +128,9 @@ fn each_guarantee_that_is_broken_is_caught_and_nothing_else() {
         (&["end"], &|ran| {
             (ran.truth[99].qdot[0], ran.summary.task.final_position_mm) = (0.1, 9.0)
         }),
-        (&["end"], &|ran| ran.end = died("plant")),
+        (&["end"], &|ran| ran.failure = died("plant")),
         (&[], &|ran| {
-            ran.end = died("plant");
+            ran.failure = died("plant");
             ran.summary.faults = vec![of("plant", Kind::Kill, 9_000)];
         }),
         (&["end"], &|ran| {

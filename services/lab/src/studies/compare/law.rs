@@ -7,7 +7,6 @@ use session::{Controller, Failure, load};
 use shared_types::graph::Graph;
 use shared_types::scenario::{Scenario, Strategy};
 
-use crate::row::Row;
 use crate::trial::Trial;
 
 /// One law of a comparison.
@@ -103,14 +102,9 @@ impl Law {
             Self::Own(law) => *law,
             Self::Other(..) => task.control.strategy,
         };
-        Trial::under(law, robot, task).on(graph)
-    }
-
-    /// A row with its name.
-    pub(super) fn named(&self, row: Row) -> Row {
-        Row {
-            law: self.name().to_owned(),
-            ..row
+        Trial {
+            graph,
+            ..Trial::under(law, robot, task)
         }
     }
 }

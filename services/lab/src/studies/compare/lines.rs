@@ -3,12 +3,11 @@
 use std::path::Path;
 
 use model::Robot;
-use serde::Serialize;
 use session::{Failure, Observer, load};
 use shared_types::scenario::Scenario;
 
 use super::{SWEEP, name_of};
-use crate::studies::singular_lines::{Through, singular_lines};
+use crate::studies::singular_lines::singular_lines;
 use crate::trial::bare;
 
 /// Seed of an arm's lines where none is given.
@@ -33,7 +32,7 @@ pub struct Lines<'a> {
 }
 
 /// A line to run.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Drawn {
     /// The singularities that it passes, by name, joined by `+`.
     pub singularities: String,
@@ -63,19 +62,8 @@ impl Lines<'_> {
         }
         template.seed = self.seed.unwrap_or(SEED);
         template.plant.floor_m = None;
-        let through = match self.pairs {
-            true => Through::Two,
-            false => Through::One,
-        };
-        let size = (template.seed, self.count, self.speed);
-        let lines = singular_lines(&arm, &template, through, size, observer);
-        let lines = lines.map_err(Failure::input)?.into_iter();
-        let drawn = lines.map(|line| Drawn {
-            singularities: line.names(),
-            place: line.place.name(),
-            scenario: line.scenario,
-        });
-        Ok((arm, template, drawn.collect()))
+        let drawn = singular_lines(&arm, &template, self, observer).map_err(Failure::input)?;
+        Ok((arm, template, drawn))
     }
 
     fn near(&self) -> Result<(Robot, Scenario, Vec<Drawn>), Failure> {

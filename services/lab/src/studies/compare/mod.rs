@@ -25,7 +25,7 @@ use shared_types::graph::Graph;
 use shared_types::scenario::Scenario;
 use shared_types::summary::{BOUNDARY, FAILED, MISSED, REACHED};
 
-use crate::folder::check;
+use crate::end::check;
 use crate::row::Row;
 
 /// The scenario that stands for many lines.
@@ -314,7 +314,10 @@ fn run(robot: &Robot, law: &Law, graph: Option<&Graph>, task: &Drawn, plans: boo
         outcome,
         reason,
         planning_ms,
-        score: result.ok().map(|row| law.named(row)),
+        score: result.ok().map(|row| Row {
+            law: law.name().to_owned(),
+            ..row
+        }),
     }
 }
 

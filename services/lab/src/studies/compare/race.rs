@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use chain::{Chain, Tick};
+use chain::Tick;
 use model::Robot;
 use recorder::TaskError;
 use serde::Serialize;
@@ -10,8 +10,7 @@ use session::{Failure, Observer, Progress, Results, load};
 use shared_types::MAX_DOF;
 use shared_types::bounds::larger;
 use shared_types::job::{Job, Mode};
-use shared_types::scenario::{Scenario, Strategy};
-use shared_types::topics::{ByTopic, Received};
+use shared_types::scenario::Strategy;
 use viz::digits;
 use viz::{Happened, Rival, Source};
 
@@ -91,8 +90,10 @@ pub fn race(
         length: 3,
         unit: "laws",
     });
-    let [ours, theirs] = [law, rival].map(|law| {
-        let driven = run(&Trial::under(law, &robot, &scenario), every);
+    let solid = Trial::under(law, &robot, &scenario);
+    let translucent = Trial::under(rival, &robot, &scenario);
+    let [ours, theirs] = [&solid, &translucent].map(|trial| {
+        let driven = run(trial, every);
         observer(Progress::Step);
         driven
     });
@@ -102,7 +103,7 @@ pub fn race(
         postures: theirs.iter().map(|(q, _)| *q).collect(),
         words: words(names, [&ours, &theirs]),
     };
-    record(&robot, &scenario, &rival_drawn, &results.folder)?;
+    record(&solid, &rival_drawn, &results.folder)?;
     observer(Progress::End);
     let last = |places: &[Picture]| places.last().map_or_else(Racer::default, |last| last.1);
     let race = Race {
@@ -152,43 +153,29 @@ fn run(trial: &Trial<'_>, every: u64) -> Result<Vec<Picture>, Failure> {
 }
 
 /// Draws the scenario's own law with the rival beside it.
-fn record(robot: &Robot, scenario: &Scenario, rival: &Rival, folder: &Path) -> Result<(), Failure> {
+fn record(trial: &Trial<'_>, rival: &Rival, folder: &Path) -> Result<(), Failure> {
+    let Trial {
+        robot, scenario, ..
+    } = trial;
     let (graph, out) = (load::graph_of(scenario, None)?, folder.to_owned());
     let job = Job {
         run: format!("race-{}-{}", scenario.name, scenario.seed),
         ..load::job(robot, scenario.clone(), graph, Mode::Lockstep, out)
     };
-    let mut chain = Chain::new(robot, scenario).map_err(Failure::input)?;
-    let mut whole = Tick::default();
-    let mut ticks = (0..).map_while(|tick| {
-        if !chain.step(&mut whole) {
-            return None;
-        }
-        let mut messages: ByTopic<Received> = (&whole).into();
-        if scenario.servo.is_none() {
-            // The chain has a place for them in any run.
-            (messages.target, messages.servo_state) = (None, None);
-        }
-        let events = Vec::new();
-        Some(viz::Tick {
-            tick,
-            messages,
-            events,
-        })
-    });
-    let source = Source {
-        job: &job,
-        robot,
-        happened: Happened {
-            rival: Some(rival),
-            ..Happened::default()
-        },
-        ticks: &mut ticks,
-        progress: &mut |_| true,
-    };
-    viz::write_rrd(&folder.join(viz::RECORDING), source)
-        .map(drop)
-        .map_err(Failure::work)
+    trial.shown(|ticks| {
+        let source = Source {
+            job: &job,
+            robot,
+            happened: Happened {
+                rival: Some(rival),
+                ..Happened::default()
+            },
+            ticks,
+            progress: &mut |_| true,
+        };
+        let written = viz::write_rrd(&folder.join(viz::RECORDING), source);
+        written.map(drop).map_err(Failure::work)
+    })
 }
 
 /// Both laws' numbers so far, as Markdown.

@@ -37,12 +37,13 @@ const ERRORS: [&str; 4] = [
 
 /// The errors of a row that may be none.
 fn errors(row: Option<&Row>) -> [Cell; 4] {
-    let of = |task: &TaskSummary| {
-        let orthogonal = [task.orthogonal_max_mm, task.orthogonal_max_deg];
-        [orthogonal, [task.along_max_mm, task.along_max_deg]].concat()
-    };
-    let errors = row.map(|row| of(&row.task));
-    std::array::from_fn(|i| number(optional(errors.as_ref(), |errors| digits(errors[i]))))
+    let all: [fn(&TaskSummary) -> f64; 4] = [
+        |task| task.orthogonal_max_mm,
+        |task| task.orthogonal_max_deg,
+        |task| task.along_max_mm,
+        |task| task.along_max_deg,
+    ];
+    all.map(|of| number(optional(row, |row| digits(of(&row.task)))))
 }
 
 fn stretch(factor: f64) -> String {

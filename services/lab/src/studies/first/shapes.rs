@@ -1,7 +1,5 @@
 //! The paths of a first scenario.
 
-use std::fmt::Write as _;
-
 use control::quintic;
 
 /// The shape of a path.
@@ -89,12 +87,8 @@ fn rows(axis: usize, length: f64) -> String {
         let [there, ..] = quintic(t.min(TIME_S - t), 0.5 * TIME_S);
         let mut p = [0.0; 3];
         p[axis] = there * length;
-        // Writing to a string does not fail.
-        let _ = writeln!(
-            text,
-            "{t:.2}, {:.6}, {:.6}, {:.6}, 1, 0, 0, 0",
-            p[0], p[1], p[2]
-        );
+        let [x, y, z] = p;
+        text += &format!("{t:.2}, {x:.6}, {y:.6}, {z:.6}, 1, 0, 0, 0\n");
     }
     text
 }
