@@ -4,7 +4,7 @@ mod draw;
 mod marks;
 mod rows;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use model::{Joint, Robot};
@@ -103,8 +103,8 @@ struct Recording<'a> {
     unheard: u64,
     /// By its path, what an entity shows that is written when that changes.
     shown: BTreeMap<String, String>,
-    /// The paths of the strokes of the last picture.
-    strokes: BTreeSet<String>,
+    /// The strokes of the last picture, by their paths.
+    strokes: BTreeMap<String, String>,
     /// Places since the last chunk.
     tracks: BTreeMap<String, Track>,
     /// Lines that grow: the last point of a chunk is the first of the next.
@@ -132,7 +132,7 @@ impl<'a> Recording<'a> {
             chunk: run.every(chunk_s),
             unheard: 0,
             shown: BTreeMap::new(),
-            strokes: BTreeSet::new(),
+            strokes: BTreeMap::new(),
             tracks: BTreeMap::new(),
             ways: Default::default(),
             is_introduced: false,

@@ -1,9 +1,7 @@
 //! The strokes and captions of a picture, and of a steered arm what is asked for.
 
-use std::collections::BTreeSet;
-
 use glam::{Affine3, Mat3, Quat, Vec3};
-use re_sdk_types::archetypes::{Mesh3D, Points3D};
+use re_sdk_types::archetypes::{Clear, Mesh3D, Points3D};
 use re_sdk_types::components::Radius;
 use shared_types::codes::reason_text;
 
@@ -17,7 +15,7 @@ use crate::run::Tick;
 use crate::scene::turned_words;
 use crate::signals::{Now, halves};
 use crate::story::Named;
-use crate::strokes::{Frame, Stroke, strokes};
+use crate::strokes::{Frame, strokes};
 
 /// Time by which the arrows and the ghost of a steered arm are ahead, s: the horizon of the law's prediction.
 const AHEAD_S: f32 = 0.5;
@@ -45,31 +43,34 @@ impl Recording<'_> {
     /// The strokes of a picture, each written where it is another one, and its captions.
     pub(super) fn draw_marks(&mut self, row: &Tick, picture: &Picture) {
         let (tick, unit) = (row.tick, self.run.mark_size());
-        let strokes = strokes(self.run, &self.scene.story.named, picture, unit);
-        let path = |stroke: &Stroke| match stroke.frame {
-            Frame::Link(link) => format!("{}/{}", entity::link(entity::LINK, link), stroke.name),
-            _ => format!("{}/{}", entity::WORLD, stroke.name),
-        };
-        let present: BTreeSet<String> = strokes.iter().map(path).collect();
-        for path in std::mem::replace(&mut self.strokes, present) {
-            if !self.strokes.contains(&path) {
-                self.hide(tick, &path);
-            }
-        }
-        for stroke in &strokes {
+        let mut before = std::mem::take(&mut self.strokes);
+        for stroke in strokes(self.run, &self.scene.story.named, picture, unit) {
+            let name = &stroke.name;
+            let path = match stroke.frame {
+                Frame::Link(link) => format!("{}/{name}", entity::link(entity::LINK, link)),
+                _ => format!("{}/{name}", entity::WORLD),
+            };
             let key = format!("{:?} {}", stroke.strips, stroke.colour);
-            let strips = || stroke.strips.iter().map(|strip| strip.iter().copied());
+            let is_known = before.remove(&path).as_ref() == Some(&key);
             match stroke.radius {
-                Some(radius) => self.show(tick, path(stroke), key, || {
-                    lines(strips(), stroke.colour, radius)
-                }),
-                None => self.show(tick, path(stroke), key, || {
-                    let corners = &stroke.strips[0];
-                    Mesh3D::new(array(corners.iter().copied()))
-                        .with_triangle_indices((2..corners.len() as u32).map(|k| [0, k - 1, k]))
-                        .with_albedo_factor(stroke.colour)
-                }),
+                _ if is_known => (),
+                Some(radius) => {
+                    let lines = lines(stroke.strips, stroke.colour, radius);
+                    self.sink.log(tick, &path, &lines);
+                }
+                None => {
+                    let corners = array(stroke.strips.concat());
+                    let triangles = (2..corners.len() as u32).map(|k| [0, k - 1, k]);
+                    let area = Mesh3D::new(corners)
+                        .with_triangle_indices(triangles)
+                        .with_albedo_factor(stroke.colour);
+                    self.sink.log(tick, &path, &area);
+                }
             }
+            self.strokes.insert(path, key);
+        }
+        for path in before.into_keys() {
+            self.sink.log(tick, path, &Clear::flat());
         }
         self.draw_captions(row, picture);
     }
