@@ -1,14 +1,14 @@
 //! An arm's shape: the primitives and meshes of its URDF or MJCF. PURE.
 
 use std::collections::BTreeSet;
-use std::sync::Arc;
 
-use glam::Vec3;
-use model::{Geometry, JointKind, Robot, Shape};
+use glam::{Affine3, Vec3};
+use model::{Geometry, Joint, Robot, Shape};
 use shared_types::scenario::Surface;
 
+use crate::facts::slides;
 use crate::meshes::Meshes;
-use crate::pose::{Placement, Rgba, placement, vec3};
+use crate::pose::{Rgba, along, placement, span, vec3};
 
 const SHELL: Rgba = 0xe4e2daff;
 const JOINT: Rgba = 0x606874ff;
@@ -17,7 +17,6 @@ const METAL: Rgba = 0xa8aeb6ff;
 const SURFACE: Rgba = 0x6f80984c;
 
 /// The form of a part, m, centred at its frame, with its long axis along z.
-#[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Form {
     /// Full side lengths.
     Box(Vec3),
@@ -30,33 +29,31 @@ pub(crate) enum Form {
         radius: f32,
         length: f32,
     },
-    Mesh(Arc<Mesh>),
+    Mesh(Mesh),
 }
 
 /// Triangles of one colour.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Default)]
 pub(crate) struct Mesh {
     pub(crate) positions: Vec<Vec3>,
     pub(crate) normals: Vec<Vec3>,
 }
 
 /// A piece of a link, or of the base.
-#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Part {
     pub(crate) link: Option<usize>,
     /// In the frame of its link.
-    pub(crate) at: Placement,
+    pub(crate) at: Affine3,
     pub(crate) form: Form,
     pub(crate) colour: Rgba,
 }
 
 impl Part {
-    fn cylinder(link: Option<usize>, at: Placement, size: [f32; 2], colour: Rgba) -> Self {
-        let [radius, length] = size;
+    fn new(link: Option<usize>, at: Affine3, form: Form, colour: Rgba) -> Self {
         Self {
             link,
             at,
-            form: Form::Cylinder { radius, length },
+            form,
             colour,
         }
     }
@@ -67,48 +64,40 @@ impl Part {
         let (form, at) = match surface.radius_m {
             Some(radius) => {
                 let (radius, length) = (radius as f32, 0.0);
-                (Form::Capsule { radius, length }, Placement::at(point))
+                (
+                    Form::Capsule { radius, length },
+                    Affine3::from_translation(point),
+                )
             }
             None => {
                 let size = reach * Vec3::new(0.5, 0.5, 0.01);
                 let centre = point - normal.normalize_or(Vec3::Z) * (0.5 * size.z);
-                (Form::Box(size), Placement::along(centre, normal))
+                (Form::Box(size), along(centre, normal))
             }
         };
-        Self {
-            link: None,
-            at,
-            form,
-            colour: SURFACE,
-        }
+        Self::new(None, at, form, SURFACE)
     }
 
     /// Corners of a box about it, in the frame of its link.
     fn corners(&self) -> [Vec3; 8] {
-        let half = match &self.form {
-            Form::Box(size) => *size / 2.0,
-            Form::Cylinder { radius, length } => Vec3::new(*radius, *radius, length / 2.0),
-            Form::Capsule { radius, length } => Vec3::splat(*radius) + Vec3::Z * (length / 2.0),
-            Form::Mesh(mesh) => {
-                let [low, high] =
-                    crate::pose::span(mesh.positions.iter().copied()).unwrap_or_default();
-                let side = |k: usize| [low, high][k];
-                return std::array::from_fn(|k| {
-                    self.at
-                        .of(Vec3::new(side(k & 1).x, side(k >> 1 & 1).y, side(k >> 2).z))
-                });
+        let about = |half: Vec3| [-half, half];
+        let box_of = match &self.form {
+            Form::Box(size) => about(*size / 2.0),
+            Form::Cylinder { radius, length } => about(Vec3::new(*radius, *radius, length / 2.0)),
+            Form::Capsule { radius, length } => {
+                about(Vec3::splat(*radius) + Vec3::Z * (length / 2.0))
             }
+            Form::Mesh(mesh) => span(mesh.positions.iter().copied()).unwrap_or_default(),
         };
-        let sign = |bit: usize| if bit == 0 { -1.0 } else { 1.0 };
+        let side = |k: usize| box_of[k & 1];
         std::array::from_fn(|k| {
-            self.at
-                .of(half * Vec3::new(sign(k & 1), sign(k & 2), sign(k & 4)))
+            let corner = Vec3::new(side(k).x, side(k >> 1).y, side(k >> 2).z);
+            self.at.transform_point3(corner)
         })
     }
 }
 
 /// A circle about a joint's axis, in the link's frame; m.
-#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Ring {
     pub(crate) axis: Vec3,
     pub(crate) centre: Vec3,
@@ -116,14 +105,12 @@ pub(crate) struct Ring {
 }
 
 /// An arm as it is drawn.
-#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Body {
     pub(crate) parts: Vec<Part>,
-    pub(crate) links: usize,
     /// The place at which turning about each joint's axis is shown; none for a joint that slides.
     pub(crate) rings: Vec<Option<Ring>>,
     /// Each joint's frame in the link before it, at zero.
-    pub(crate) joints: Vec<Placement>,
+    pub(crate) joints: Vec<Affine3>,
     /// The end-effector in the last link's frame; m.
     pub(crate) tip: Option<Vec3>,
     /// Sum of the links' lengths, for framing the view and scaling marks; m.
@@ -134,28 +121,32 @@ impl Body {
     /// The robot's own shapes; a capsule for a link that lacks them, a hand where the arm ends in a flange, and a base to stand on; `floor_m` is the
     /// floor's height in the base frame.
     pub(crate) fn new(robot: &Robot, floor_m: f32, meshes: &Meshes) -> Self {
-        let joints: Vec<Placement> = robot
+        let joints: Vec<Affine3> = robot
             .joints
             .iter()
             .map(|joint| placement(&joint.X_PJ))
             .collect();
         let frame = robot.frame(&robot.default_frame);
         let tip = frame.map(|frame| vec3(&frame.X_LF.p));
-        let lengths = joints.iter().map(|X_PJ| X_PJ.p).chain(tip);
-        let reach = lengths.map(Vec3::length).sum::<f32>().max(0.1);
+        let reach = joints
+            .iter()
+            .map(|X_PJ| X_PJ.translation)
+            .chain(tip)
+            .map(Vec3::length)
+            .sum::<f32>()
+            .max(0.1);
         let mut body = Self {
             parts: Vec::new(),
-            links: joints.len(),
             rings: Vec::new(),
             joints,
             tip,
             reach,
         };
-        let lacking = robot
-            .shapes
-            .iter()
-            .filter(|shape| !meshes.has(&shape.geometry));
-        let lacking: BTreeSet<Option<usize>> = lacking.map(|shape| shape.joint).collect();
+        let shapes = robot.shapes.iter();
+        let lacking: BTreeSet<Option<usize>> = shapes
+            .filter(|shape| !meshes.has(&shape.geometry))
+            .map(|shape| shape.joint)
+            .collect();
         for shape in &robot.shapes {
             if !shape.stands_in || lacking.contains(&shape.joint) {
                 body.add(shape, meshes);
@@ -163,31 +154,26 @@ impl Body {
         }
         body.fill(robot, &lacking);
         if robot.task.0[2] {
-            let is_last = |joint| joint + 1 == robot.joints.len();
-            let flange = frame.filter(|frame| frame.joint.is_some_and(is_last));
-            flange
-                .into_iter()
-                .for_each(|frame| body.hand(&placement(&frame.X_LF)));
+            let last = Some(robot.dof() - 1);
+            if let Some(frame) = frame.filter(|frame| frame.joint == last) {
+                body.hand(last, &placement(&frame.X_LF));
+            }
             body.stand(floor_m);
         }
-        let rings = robot.joints.iter().enumerate();
-        body.rings = rings
-            .map(|(i, joint)| {
-                let axis = vec3(&joint.axis).normalize_or(Vec3::Z);
-                // In the middle of its link along the axis: joints whose frames coincide keep apart.
-                let along = body
-                    .of(Some(i))
-                    .flat_map(Part::corners)
-                    .map(|p| p.dot(axis));
-                let [low, high] =
-                    along.fold([0.0f32; 2], |[low, high], z| [low.min(z), high.max(z)]);
-                (joint.kind != JointKind::Prismatic).then_some(Ring {
-                    axis,
-                    centre: axis * (low + high) / 2.0,
-                    radius: 0.13 * reach,
-                })
+        let ring = |(i, joint): (usize, &Joint)| {
+            let axis = vec3(&joint.axis).normalize_or(Vec3::Z);
+            // In the middle of its link along the axis: joints whose frames coincide keep apart.
+            let [low, high] = body
+                .corners_of(Some(i))
+                .map(|p| p.dot(axis))
+                .fold([0.0f32; 2], |[low, high], z| [low.min(z), high.max(z)]);
+            (!slides(joint)).then_some(Ring {
+                axis,
+                centre: axis * (low + high) / 2.0,
+                radius: 0.13 * reach,
             })
-            .collect();
+        };
+        body.rings = robot.joints.iter().enumerate().map(ring).collect();
         body
     }
 
@@ -196,11 +182,18 @@ impl Body {
         self.parts.iter().filter(move |part| part.link == link)
     }
 
+    /// Corners of boxes about the parts of a link, in its frame.
+    fn corners_of(&self, link: Option<usize>) -> impl Iterator<Item = Vec3> {
+        self.of(link).flat_map(Part::corners)
+    }
+
     /// The outermost corners of its links; base axes, m.
-    pub(crate) fn corners(&self, links: &[Placement]) -> impl Iterator<Item = Vec3> {
-        let parts = self.parts.iter();
-        let parts = parts.filter_map(|part| Some((part, links.get(part.link?)?)));
-        parts.flat_map(|(part, link)| part.corners().map(|p| link.of(p)))
+    pub(crate) fn corners(&self, links: &[Affine3]) -> impl Iterator<Item = Vec3> {
+        let parts = self
+            .parts
+            .iter()
+            .filter_map(|part| Some((part, links.get(part.link?)?)));
+        parts.flat_map(|(part, link)| part.corners().map(|p| link.transform_point3(p)))
     }
 
     /// A shape in its own colour, or in its link's.
@@ -211,39 +204,30 @@ impl Body {
         let usual = shape
             .joint
             .map_or(DARK, |i| if i % 2 == 0 { SHELL } else { METAL });
+        let at = placement(&shape.X_LS);
+        let capsule = |radius: f64, length: f64| Form::Capsule {
+            radius: radius as f32,
+            length: length as f32,
+        };
         let form = match &shape.geometry {
             Geometry::Box { size } => Form::Box(vec3(size)),
             Geometry::Cylinder { radius, length } => Form::Cylinder {
                 radius: *radius as f32,
                 length: *length as f32,
             },
-            Geometry::Sphere { radius } => Form::Capsule {
-                radius: *radius as f32,
-                length: 0.0,
-            },
-            Geometry::Capsule { radius, length } => Form::Capsule {
-                radius: *radius as f32,
-                length: *length as f32,
-            },
+            Geometry::Sphere { radius } => capsule(*radius, 0.0),
+            Geometry::Capsule { radius, length } => capsule(*radius, *length),
             Geometry::Mesh { file, scale } => {
                 for (mesh, theirs) in meshes.of_file(file, vec3(scale)) {
                     let theirs = theirs.map(|rgba| packed(rgba.map(f64::from)));
-                    self.parts.push(Part {
-                        link: shape.joint,
-                        at: placement(&shape.X_LS),
-                        form: Form::Mesh(Arc::new(mesh)),
-                        colour: own.or(theirs).unwrap_or(usual),
-                    });
+                    let (form, colour) = (Form::Mesh(mesh), own.or(theirs));
+                    let colour = colour.unwrap_or(usual);
+                    self.parts.push(Part::new(shape.joint, at, form, colour));
                 }
                 return;
             }
         };
-        let part = Part {
-            link: shape.joint,
-            at: placement(&shape.X_LS),
-            form,
-            colour: own.unwrap_or(usual),
-        };
+        let part = Part::new(shape.joint, at, form, own.unwrap_or(usual));
         // A shape without extent is none: its link would not be seen.
         let corners = part.corners();
         if corners[0].distance(corners[7]) > 1e-4 * self.reach {
@@ -255,21 +239,21 @@ impl Body {
     fn fill(&mut self, robot: &Robot, lacking: &BTreeSet<Option<usize>>) {
         let radius = 0.035 * self.reach;
         if self.of(None).next().is_none() {
-            self.bone(None, self.joints[0].p, radius);
+            self.bone(None, self.joints[0].translation, radius);
         }
         for (i, joint) in robot.joints.iter().enumerate() {
             let link = Some(i);
             let is_apart = |p: Vec3| p.length() > 2.0 * radius;
-            let hangs = self.of(link).flat_map(Part::corners).all(is_apart);
-            if self.of(link).next().is_none() || lacking.contains(&link) && hangs {
-                let axis = Placement::along(Vec3::ZERO, vec3(&joint.axis));
-                self.parts.push(Part::cylinder(
-                    link,
-                    axis,
-                    [1.3 * radius, 2.5 * radius],
-                    JOINT,
-                ));
-                let next = self.joints.get(i + 1).map(|X_PJ| X_PJ.p);
+            if self.of(link).next().is_none()
+                || lacking.contains(&link) && self.corners_of(link).all(is_apart)
+            {
+                let axis = along(Vec3::ZERO, vec3(&joint.axis));
+                let drum = Form::Cylinder {
+                    radius: 1.3 * radius,
+                    length: 2.5 * radius,
+                };
+                self.parts.push(Part::new(link, axis, drum, JOINT));
+                let next = self.joints.get(i + 1).map(|X_PJ| X_PJ.translation);
                 self.bone(link, next.or(self.tip).unwrap_or_default(), radius);
             }
         }
@@ -279,24 +263,15 @@ impl Body {
     fn bone(&mut self, link: Option<usize>, end: Vec3, radius: f32) {
         let length = end.length();
         if length > radius {
-            self.parts.push(Part {
-                link,
-                at: Placement::along(end / 2.0, end),
-                form: Form::Capsule { radius, length },
-                colour: SHELL,
-            });
+            let (at, form) = (along(end / 2.0, end), Form::Capsule { radius, length });
+            self.parts.push(Part::new(link, at, form, SHELL));
         }
     }
 
     /// A two-finger hand where nothing is beyond the flange: it shows how the flange is turned.
-    fn hand(&mut self, flange: &Placement) {
-        let link = self.links.checked_sub(1);
-        let beyond = |p: Vec3| (p - flange.p).dot(flange.R.z_axis);
-        if self
-            .of(link)
-            .flat_map(Part::corners)
-            .any(|p| beyond(p) > 0.02)
-        {
+    fn hand(&mut self, link: Option<usize>, flange: &Affine3) {
+        let is_beyond = |p: Vec3| (p - flange.translation).dot(flange.matrix3.z_axis) > 0.02;
+        if self.corners_of(link).any(is_beyond) {
             return;
         }
         let size = self.reach.min(1.0);
@@ -305,26 +280,23 @@ impl Body {
             (-0.032, 0.052, [0.012, 0.024, 0.055], METAL),
             (0.032, 0.052, [0.012, 0.024, 0.055], METAL),
         ] {
-            let at = flange.then(&Placement::at(size * Vec3::new(x, 0.0, z)));
+            let at = *flange * Affine3::from_translation(size * Vec3::new(x, 0.0, z));
             let form = Form::Box(size * Vec3::from(sides));
-            self.parts.push(Part {
-                link,
-                at,
-                form,
-                colour,
-            });
+            self.parts.push(Part::new(link, at, form, colour));
         }
     }
 
     /// A foot under the base, on a pedestal where the floor is further below; some arms have one of their own.
     fn stand(&mut self, floor_m: f32) {
-        let corners = self.of(None).flat_map(Part::corners);
-        let lowest = corners.map(|p| p.z).fold(0.0, f32::min);
+        let lowest = self.corners_of(None).map(|p| p.z).fold(0.0, f32::min);
         let (radius, floor) = (0.075 * self.reach, floor_m.min(0.0));
         let mut drum = |radius, low: f32, high: f32, colour| {
-            let at = Placement::at(Vec3::Z * (low + high) / 2.0);
-            self.parts
-                .push(Part::cylinder(None, at, [radius, high - low], colour));
+            let (at, length) = (
+                Affine3::from_translation(Vec3::Z * (low + high) / 2.0),
+                high - low,
+            );
+            let form = Form::Cylinder { radius, length };
+            self.parts.push(Part::new(None, at, form, colour));
         };
         if lowest > -0.2 * radius / 0.075 {
             drum(1.35 * radius, lowest - 0.024, lowest - 0.001, DARK);

@@ -10,8 +10,6 @@ pub(crate) const SIGNALS: &str = "/signals";
 pub(crate) const DRAWN: &str = "/drawn";
 /// Constant lines that plots need: thresholds and limits.
 pub(crate) const GUIDES: &str = "/guides";
-/// Names of the singularities, in the order of their numbers: a static component of [`SIGNALS`].
-pub(crate) const SINGULARITY_NAMES: &str = "singularity:names";
 /// The state of the run, in words.
 pub(crate) const NOW: &str = "/now";
 /// The text log.
@@ -35,8 +33,6 @@ pub(crate) const NEAR: &str = "/world/near";
 pub(crate) const TARGET: &str = "/world/target";
 /// The links of the arm; their number follows.
 pub(crate) const LINK: &str = "/world/arm/link";
-/// The frame of each singularity; its name follows.
-pub(crate) const SINGULARITY: &str = "/world/singularity/";
 /// The captions; their names follow.
 pub(crate) const CAPTION: &str = "/world/caption/";
 pub(crate) const CAPTIONS: &str = "/world/caption/**";

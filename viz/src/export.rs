@@ -7,10 +7,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use model::Robot;
-use rerun::external::arrow::array::{
-    Array, ArrayRef, Float64Array, Int64Array, RecordBatch, StringArray,
-};
-use rerun::external::arrow::datatypes::{Field, Schema, SchemaRef};
+use rerun::external::arrow::array::{ArrayRef, Float64Array, Int64Array, RecordBatch, StringArray};
 use rerun::external::arrow::error::ArrowError;
 use rerun::external::arrow::ipc::writer::StreamWriter;
 use shared_types::job::Job;
@@ -70,37 +67,32 @@ pub fn export(
     out: &Path,
     source: Source,
 ) -> Result<Vec<PathBuf>, ExportError> {
-    let facts = Facts::new(source.job, source.robot, None, false)?;
-    let mut story = Story::new(source.job, &source.happened);
-    let (mut events, mut signals) = (Vec::new(), None::<Table>);
+    let facts = Facts::new(source.job, source.robot, source.happened, false)?;
+    let (mut events, mut signals) = (Vec::<Happening>::new(), None::<Table>);
     let tell = |tick: u64, news: News| {
-        events.push(match news {
-            News::Line(event) => (
-                tick,
-                "log",
-                event.level.name().to_owned(),
-                event.text.clone(),
-            ),
-            News::State { name, state, .. } => (tick, "state", name.to_owned(), state.to_owned()),
-        });
+        let (kind, subject, text) = match news {
+            News::Line(event) => ("log", event.level.name(), event.text.as_str()),
+            News::State { name, state, .. } => ("state", name, state),
+        };
+        events.push((tick, kind, subject.to_owned(), text.to_owned()));
     };
-    let write = |schema: &SchemaRef, columns, count| {
+    let write = |batch: &RecordBatch, count| {
         let table = match &mut signals {
             Some(table) => table,
-            none => none.insert(Table::create(format, out, "signals", Arc::clone(schema))?),
+            none => none.insert(Table::create(format, out, "signals", batch.schema())?),
         };
-        table.write(columns)?;
-        (source.progress)(count)
-            .then_some(())
-            .ok_or(ExportError::Stopped)
+        table.write(batch)?;
+        let goes_on = (source.progress)(count);
+        goes_on.then_some(()).ok_or(ExportError::Stopped)
     };
-    in_batches(&facts, &mut story, source.ticks, tell, write)?;
-    // A state is told when it is over, with the tick at which it began.
+    in_batches(&facts, source.ticks, tell, write)?;
+    // A line of the log comes when it is known, with the tick that it is about.
     events.sort_by_key(|event| event.0);
-    let events = write_events(&events, f64::from(facts.rate_hz), format, out)?;
-    let signals = signals.map(|table| table.finish()).transpose()?;
-    let events = events.finish()?;
-    Ok(signals.into_iter().chain([events]).collect())
+    let batch = happenings(&events, f64::from(facts.rate_hz))?;
+    let mut events = Table::create(format, out, "events", batch.schema())?;
+    events.write(&batch)?;
+    let tables = signals.into_iter().chain([events]);
+    tables.map(Table::finish).collect()
 }
 
 /// The signals of a run as a stream of Arrow's IPC format: the columns of [`export`].
@@ -112,55 +104,46 @@ pub fn signals(
     robot: &Robot,
     ticks: impl Iterator<Item = Tick>,
 ) -> Result<Vec<u8>, ExportError> {
-    let facts = Facts::new(job, robot, None, false)?;
-    let mut story = Story::new(job, &Happened::default());
+    let facts = Facts::new(job, robot, Happened::default(), false)?;
     let mut writer = None::<StreamWriter<Vec<u8>>>;
-    let write = |schema: &SchemaRef, columns, _| -> Result<(), ExportError> {
+    let write = |batch: &RecordBatch, _| -> Result<(), ExportError> {
         let writer = match &mut writer {
             Some(writer) => writer,
-            none => none.insert(StreamWriter::try_new(Vec::new(), schema)?),
+            none => none.insert(StreamWriter::try_new(Vec::new(), &batch.schema())?),
         };
-        Ok(writer.write(&RecordBatch::try_new(Arc::clone(schema), columns)?)?)
+        Ok(writer.write(batch)?)
     };
-    in_batches(&facts, &mut story, ticks, |_, _| (), write)?;
+    in_batches(&facts, ticks, |_, _| (), write)?;
     Ok(writer.map_or(Ok(Vec::new()), StreamWriter::into_inner)?)
 }
 
 /// Hands the columns of successive ticks to `write`, with the number of ticks so far, and the news of each tick to `tell`.
 fn in_batches(
     facts: &Facts,
-    story: &mut Story,
     ticks: impl Iterator<Item = Tick>,
     mut tell: impl FnMut(u64, News),
-    mut write: impl FnMut(&SchemaRef, Vec<ArrayRef>, u64) -> Result<(), ExportError>,
+    mut write: impl FnMut(&RecordBatch, u64) -> Result<(), ExportError>,
 ) -> Result<(), ExportError> {
+    let mut story = Story::new(facts);
     let (mut begun, mut gathered, mut count) = (None, Vec::new(), 0);
     let mut ticks = ticks.peekable();
     while let Some(tick) = ticks.next() {
-        story.push(&tick.row(), &mut tell);
+        story.push(&tick, &mut tell);
         gathered.push(tick);
         count += 1;
         // The first report names the columns; a run without one is not kept for it.
-        let is_known = begun.is_some() || !story.names.is_empty() || gathered.len() > MOST;
+        let is_known = begun.is_some() || !story.named.is_empty() || gathered.len() > MOST;
         if (gathered.len() < ROWS || !is_known) && ticks.peek().is_some() {
             continue;
         }
-        let (columns, schema) = begun.get_or_insert_with(|| {
-            let (columns, schema) = Columns::new(facts, &story.names);
-            (columns, Arc::new(schema))
-        });
-        write(schema, columns.of(facts, &gathered), count)?;
+        let columns = begun.get_or_insert_with(|| Columns::new(facts, &story.named));
+        write(&columns.of(facts, &gathered)?, count)?;
         gathered.clear();
     }
     Ok(())
 }
 
-fn write_events(
-    events: &[Happening],
-    rate_hz: f64,
-    format: ExportFormat,
-    out: &Path,
-) -> Result<Table, ExportError> {
+fn happenings(events: &[Happening], rate_hz: f64) -> Result<RecordBatch, ArrowError> {
     let times = events.iter().map(|event| event.0 as f64 / rate_hz);
     let ticks = events.iter().map(|event| event.0 as i64);
     let texts = |text: fn(&Happening) -> &str| -> ArrayRef {
@@ -173,10 +156,5 @@ fn write_events(
         ("subject", texts(|event| &event.2)),
         ("text", texts(|event| &event.3)),
     ];
-    let field =
-        |(name, column): &(&str, ArrayRef)| Field::new(*name, column.data_type().clone(), false);
-    let schema = Schema::new(columns.iter().map(field).collect::<Vec<_>>());
-    let mut table = Table::create(format, out, "events", Arc::new(schema))?;
-    table.write(columns.map(|(_, column)| column).into())?;
-    Ok(table)
+    RecordBatch::try_from_iter(columns)
 }

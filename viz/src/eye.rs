@@ -7,7 +7,6 @@ use crate::picture::Picture;
 use crate::pose::span;
 
 /// From where something is seen; base axes, m.
-#[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Eye {
     pub(crate) position: Vec3,
     pub(crate) look_at: Vec3,
@@ -20,7 +19,7 @@ const TANGENT: f32 = 0.49;
 const CLOSE: f32 = 4.0;
 
 /// The room that an arm has taken so far, and its longest stay inside a neighbourhood.
-#[derive(Clone, Debug, Default)]
+#[derive(Default)]
 pub(crate) struct Room {
     /// Its hand at the beginning.
     first: Option<Vec3>,
@@ -31,7 +30,7 @@ pub(crate) struct Room {
 }
 
 /// A stretch of ticks inside some neighbourhood, and ζ at its beginning and end.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 struct Stay {
     first: u64,
     last: u64,
@@ -41,11 +40,14 @@ struct Stay {
 impl Room {
     /// Takes a picture in.
     pub(crate) fn push(&mut self, facts: &Facts, picture: &Picture) {
-        let corners = facts.body.corners(&picture.links).chain([picture.hand.p]);
-        self.first.get_or_insert(picture.hand.p);
+        let corners = facts
+            .body
+            .corners(&picture.links)
+            .chain([picture.hand.translation]);
+        self.first.get_or_insert(picture.hand.translation);
         self.all = span(self.all.into_iter().flatten().chain(corners));
         let tick = picture.tick;
-        let inside = picture.signs.iter().find(|sign| sign.mark.is_inside());
+        let inside = picture.signs.iter().find(|sign| sign.mark.is_inside);
         self.stay = inside.map(|sign| {
             let zeta = sign.mark.zeta();
             let begin = Stay {
@@ -78,13 +80,11 @@ impl Room {
     }
 
     /// The ticks to repeat of a run that ends with `last`: from half a second before the longest stay to one after it; all where there is none.
-    pub(crate) fn repeated(&self, rate_hz: u32, last: u64) -> (u64, u64) {
+    pub(crate) fn repeated(&self, rate_hz: u32, last: u64) -> [u64; 2] {
         let rate = u64::from(rate_hz);
-        self.longest.map_or((0, last), |stay| {
-            (
-                stay.first.saturating_sub(rate / 2),
-                (stay.last + rate).min(last),
-            )
+        self.longest.map_or([0, last], |stay| {
+            let first = stay.first.saturating_sub(rate / 2);
+            [first, (stay.last + rate).min(last)]
         })
     }
 
@@ -96,18 +96,20 @@ impl Room {
         // Of a small arm on a high pedestal, not all of the pedestal.
         let foot = facts.floor_m.min(0.0).max(-5.0 * mark);
         let foot = if is_planar { 0.0 } else { foot };
-        let around = [mark, -mark].map(|by| hand + Vec3::splat(by));
-        let all = around.into_iter().chain([Vec3::ZERO, Vec3::Z * foot]);
-        let all: Vec<Vec3> = all.chain(self.all.into_iter().flatten()).collect();
+        let mark = Vec3::splat(mark);
+        let mut all = vec![hand + mark, hand - mark, Vec3::ZERO, Vec3::Z * foot];
+        all.extend(self.all.into_iter().flatten());
         let [low, high] = span(all.iter().copied()).unwrap_or_default();
         let look_at = (low + high) / 2.0;
-        let mut ways = [hand, Vec3::X, Vec3::Y].into_iter();
-        let heading = ways.find_map(|way| way.reject_from_normalized(facts.up).try_normalize());
-        let heading = heading.unwrap_or(Vec3::X);
+        let heading = [hand, Vec3::X, Vec3::Y]
+            .into_iter()
+            .find_map(|way| way.reject_from_normalized(facts.up).try_normalize())
+            .unwrap_or(Vec3::X);
         let side = heading.cross(facts.up);
-        let (away, up) = match is_planar {
-            true => (Vec3::new(0.0, -0.25, 1.0), Vec3::Y),
-            false => (heading * 0.5 + side + facts.up * 0.3, facts.up),
+        let (away, up) = if is_planar {
+            (Vec3::new(0.0, -0.25, 1.0), Vec3::Y)
+        } else {
+            (heading * 0.5 + side + facts.up * 0.3, facts.up)
         };
         let away = away.normalize();
         let right = up.cross(away).normalize_or(Vec3::X);
@@ -127,11 +129,11 @@ impl Room {
     /// An eye near the hand, which is its origin, from the main eye's side: across ζ, onto the sector that it sweeps; of a hand that stands still from where the arm is seen.
     pub(crate) fn close_up(&self, facts: &Facts, main: &Eye) -> Eye {
         let towards = (main.position - main.look_at).normalize_or(Vec3::X);
-        let zeta = self.longest.map(|stay| stay.zeta);
-        let aside = zeta.map_or(towards, |[first, last]| {
+        let aside = self.longest.map_or(towards, |stay| {
+            let [first, last] = stay.zeta;
             let mut candidates = [last, main.up, towards]
-                .into_iter()
-                .map(|way| first.cross(way));
+                .map(|way| first.cross(way))
+                .into_iter();
             let aside = candidates.find(|aside| aside.length() > 0.35);
             let aside = aside.map_or(towards, Vec3::normalize);
             aside * if aside.dot(towards) < 0.0 { -1.0 } else { 1.0 }

@@ -1,6 +1,6 @@
 //! The facts of a run that are known before its first tick.
 
-use glam::Vec3;
+use glam::{Affine3, Vec3};
 use model::{Joint, JointKind, Model, Robot, unit_scaled};
 use nalgebra::{SVector, Vector3};
 use rerun::{ApplicationId, StoreId};
@@ -11,46 +11,38 @@ use shared_types::scenario::{Scenario, Segment};
 use crate::body::Body;
 use crate::manipulability::{Jacobian, at_point};
 use crate::meshes::Meshes;
-use crate::pose::{Placement, placement, vec3};
-use crate::run::Rival;
-use crate::signals::{ChainHops, Limits, Now, TickRow, chain_hops};
+use crate::pose::{placement, vec3};
+use crate::run::{Happened, Tick};
+use crate::signals::{ChainHops, chain_hops};
 use crate::sink::RecordError;
-
-/// Pictures per second: enough for eyes.
-const PICTURE_HZ: f64 = 50.0;
 
 /// The run, its arm, and all that numbers and pictures are computed from.
 ///
 /// One type for every arm: the model has as many places for joints as a message, so that this code is compiled once.
 pub(crate) struct Facts<'a> {
     pub(crate) job: &'a Job,
-    pub(crate) rival: Option<&'a Rival>,
+    pub(crate) robot: &'a Robot,
+    pub(crate) happened: Happened<'a>,
     pub(crate) is_live: bool,
     /// The task is to stand still with the hand while the joints move.
     pub(crate) stands_still: bool,
-    /// Makes metres and radians comparable; m.
-    pub(crate) length_m: f64,
     pub(crate) rate_hz: u32,
     pub(crate) floor_m: f32,
     /// Against gravity, base axes: the base may be mounted in any way.
     pub(crate) up: Vec3,
     pub(crate) title: &'a str,
-    pub(crate) joint_units: String,
     pub(crate) arm: Model<MAX_DOF>,
     pub(crate) body: Body,
     /// About meshes that could not be read.
     pub(crate) lacking: Option<String>,
-    /// The axes of the hand's twist that the task has.
-    pub(crate) task: [bool; 6],
-    pub(crate) limits: Limits,
     pub(crate) hops: Option<ChainHops>,
 }
 
 impl<'a> Facts<'a> {
     pub(crate) fn new(
         job: &'a Job,
-        robot: &Robot,
-        rival: Option<&'a Rival>,
+        robot: &'a Robot,
+        happened: Happened<'a>,
         is_live: bool,
     ) -> Result<Self, RecordError> {
         let scenario = &job.scenario;
@@ -64,40 +56,38 @@ impl<'a> Facts<'a> {
             _ => &scenario.title,
         };
         let floor_m = scenario.plant.floor_m.map_or(0.0, |height| height as f32);
-        let unit = |joint: &Joint| match joint.kind {
-            JointKind::Prismatic => "m",
-            _ => "rad",
-        };
-        let units: Vec<_> = robot.joints.iter().map(unit).collect();
         Ok(Self {
             job,
-            rival,
+            robot,
+            happened,
             is_live,
             stands_still: stands_still(scenario),
-            length_m: robot.length_m,
             rate_hz: scenario.rate_hz.max(1),
             floor_m,
             up: (-vec3(&robot.gravity)).normalize_or(Vec3::Z),
             title,
-            joint_units: units.join(" "),
             arm,
             body: Body::new(robot, floor_m, &meshes),
             lacking,
-            task: robot.task.0,
-            limits: Limits::new(robot).with_forces(scenario),
             hops: chain_hops(&job.graph),
         })
     }
 
     /// Recordings of one robot share their blueprint.
-    pub(crate) fn store(job: &Job) -> StoreId {
-        let application = ApplicationId::new_or_unknown(format!("armplane-{}", job.robot.name));
-        StoreId::recording(application, job.run.as_str())
+    pub(crate) fn store(&self) -> StoreId {
+        let robot = &self.job.robot.name;
+        let application = ApplicationId::new_or_unknown(format!("armplane-{robot}"));
+        StoreId::recording(application, self.job.run.as_str())
     }
 
     /// The run in a few words, by their names.
     pub(crate) fn properties(&self) -> [(&'static str, String); 7] {
         let (job, scenario) = (self.job, &self.job.scenario);
+        let units = self
+            .robot
+            .joints
+            .iter()
+            .map(|joint| if slides(joint) { "m" } else { "rad" });
         [
             ("scenario", scenario.name.clone()),
             ("robot", job.robot.name.clone()),
@@ -105,45 +95,48 @@ impl<'a> Facts<'a> {
             ("seed", scenario.seed.to_string()),
             ("rate_hz", scenario.rate_hz.to_string()),
             ("armplane", job.version.clone()),
-            ("joint_units", self.joint_units.clone()),
+            ("joint_units", units.collect::<Vec<_>>().join(" ")),
         ]
+    }
+
+    /// Whether every joint has such a limit.
+    pub(crate) fn is_limited(&self, limit: fn(&Joint) -> f64) -> bool {
+        let mut all = self.robot.joints.iter().map(limit);
+        all.all(f64::is_finite)
     }
 
     /// Units of speeds and of loads in plots: shares of the limits where every joint has one.
     pub(crate) fn axis_units(&self) -> [&'static str; 2] {
-        let slides = self.joint_units.split(' ').any(|unit| unit == "m");
-        let [speed, load] = match slides {
-            true => [", rad/s or m/s", ", N·m or N"],
-            false => [", rad/s", ", N·m"],
+        let [speed, load] = if self.robot.joints.iter().any(slides) {
+            [", rad/s or m/s", ", N·m or N"]
+        } else {
+            [", rad/s", ", N·m"]
         };
-        let of = |limits: &[f64], unit| match limits.iter().all(|limit| limit.is_finite()) {
-            true => " / limit",
-            false => unit,
+        let of = |limit, unit| {
+            if self.is_limited(limit) {
+                " / limit"
+            } else {
+                unit
+            }
         };
-        [of(&self.limits.speed, speed), of(&self.limits.torque, load)]
+        [
+            of(|joint| joint.velocity, speed),
+            of(|joint| joint.effort, load),
+        ]
     }
 
     pub(crate) fn joints(&self) -> usize {
-        self.body.links
+        self.robot.dof()
     }
 
-    /// Directions of the task.
-    pub(crate) fn directions(&self) -> usize {
-        self.task.iter().filter(|served| **served).count()
+    /// Whether the task turns the hand.
+    pub(crate) fn turns(&self) -> bool {
+        self.robot.task.0[3..].contains(&true)
     }
 
     /// Whether the task lies in the plane of the floor.
     pub(crate) fn is_planar(&self) -> bool {
-        !self.task[2]
-    }
-
-    /// All that the numbers of a tick are computed from, but for what is only drawn.
-    pub(crate) fn now<'n, 'm>(&'n self, row: &'n TickRow<'m>) -> Now<'n, 'm> {
-        let now = Now::new(row, &self.limits, self.hops);
-        Now {
-            sigma: self.singular_values(row),
-            ..now
-        }
+        !self.robot.task.0[2]
     }
 
     /// Ticks in so many seconds, at least one.
@@ -151,18 +144,14 @@ impl<'a> Facts<'a> {
         (seconds * f64::from(self.rate_hz)).round().max(1.0) as u64
     }
 
-    /// Whether a tick has a picture.
-    pub(crate) fn is_pictured(&self, tick: u64) -> bool {
-        tick.is_multiple_of(self.every(1.0 / PICTURE_HZ))
-    }
-
     /// The poses of the links.
-    pub(crate) fn links(&self, q: &[f64; MAX_DOF]) -> [Placement; MAX_DOF] {
-        let poses = self.arm.link_poses(&SVector::from(*q));
-        poses.map(|X| placement(&X))
+    pub(crate) fn links(&self, q: &[f64; MAX_DOF]) -> [Affine3; MAX_DOF] {
+        self.arm
+            .link_poses(&SVector::from(*q))
+            .map(|X| placement(&X))
     }
 
-    pub(crate) fn hand(&self, q: &[f64; MAX_DOF]) -> Placement {
+    pub(crate) fn hand(&self, q: &[f64; MAX_DOF]) -> Affine3 {
         placement(&self.arm.forward_kinematics(&SVector::from(*q)))
     }
 
@@ -174,12 +163,14 @@ impl<'a> Facts<'a> {
 
     /// Singular values of the unit-scaled Jacobian in the posture that has been analysed, the estimated one: the law has no use for them, so they are
     /// computed where they are drawn.
-    pub(crate) fn singular_values(&self, row: &TickRow) -> Option<[f64; 6]> {
-        let report = row.singularity?;
-        let estimated = row.estimate.map(|estimate| &estimate.q);
-        let q = estimated.or_else(|| row.q())?;
-        let J = self.jacobian(&SVector::from(*q), report.p_BC);
-        let scaled = unit_scaled(&J, report.length_m, &self.task);
+    pub(crate) fn singular_values(&self, row: &Tick) -> Option<[f64; 6]> {
+        let report = row.singularity.as_ref()?;
+        let q = match row.estimate {
+            Some(estimate) => estimate.q,
+            None => *row.q()?,
+        };
+        let J = self.jacobian(&q.into(), report.p_BC);
+        let scaled = unit_scaled(&J, report.length_m, &self.robot.task.0);
         Some(scaled.singular_values().into())
     }
 
@@ -189,20 +180,29 @@ impl<'a> Facts<'a> {
     }
 }
 
+pub(crate) fn slides(joint: &Joint) -> bool {
+    joint.kind == JointKind::Prismatic
+}
+
+/// The middle of a joint's positions, and half their range; half a turn to both sides for one without limits.
+pub(crate) fn range(joint: &Joint) -> [f64; 2] {
+    match joint.upper - joint.lower {
+        range if range.is_finite() => [0.5 * (joint.lower + joint.upper), 0.5 * range],
+        _ => [0.0, std::f64::consts::PI],
+    }
+}
+
 /// Whether the task is null-space motion alone: every segment holds the hand, and some change the posture.
 fn stands_still(scenario: &Scenario) -> bool {
     let holds = |one: &Segment| {
         let held = Segment {
             duration_s: one.duration_s,
             branch: one.branch,
+            posture_deg: one.posture_deg.clone(),
+            posture_q: one.posture_q.clone(),
             ..Segment::default()
         };
-        let hand = Segment {
-            posture_deg: None,
-            posture_q: None,
-            ..one.clone()
-        };
-        hand == held
+        *one == held
     };
     let mut all = scenario.segment.iter();
     all.clone().all(holds) && all.any(|one| one.posture().is_some())

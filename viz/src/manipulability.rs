@@ -10,17 +10,8 @@ use crate::pose::vec3;
 /// One size for every arm: the columns of absent joints are zero.
 pub(crate) type Jacobian = SMatrix<f64, 6, MAX_DOF>;
 
-/// Which half of the twist an ellipsoid is of.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Half {
-    /// Velocities of C.
-    Linear,
-    /// Rotations, C held: for a spherical wrist its own.
-    Angular,
-}
-
-/// An ellipsoid's shape: principal axes as columns, and half axes over the longest.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// The shape of an ellipsoid of velocities of C, or, where it is angular, of rotations, C held, which for a spherical wrist are its own: principal axes
+/// as columns, and half axes over the longest.
 pub(crate) struct Ellipsoid {
     pub(crate) axes: Mat3,
     pub(crate) half_axes: Vec3,
@@ -29,7 +20,11 @@ pub(crate) struct Ellipsoid {
 impl Ellipsoid {
     /// {J q̇ : |q̇_i| bounded in the ellipsoidal norm of the joints' speed limits}: half axes √λ(J diag(q̇_max²) Jᵀ). Where a joint has no limit,
     /// all count as equally fast.
-    pub(crate) fn velocity(J: &Jacobian, qdot_max: &SVector<f64, MAX_DOF>, half: Half) -> Self {
+    pub(crate) fn velocity(
+        J: &Jacobian,
+        qdot_max: &SVector<f64, MAX_DOF>,
+        is_angular: bool,
+    ) -> Self {
         // A joint that does not move the frame, an absent one among them, does not count.
         let limited = qdot_max
             .iter()
@@ -44,20 +39,20 @@ impl Ellipsoid {
                     1.0
                 }
         });
-        Self::of(&block(&(scaled * scaled.transpose()), half), f64::sqrt)
+        Self::of(
+            &block(&(scaled * scaled.transpose()), is_angular),
+            f64::sqrt,
+        )
     }
 
     /// {Λ⁻¹ F : |F| = 1}, accelerations for unit forces: half axes λ(J A⁻¹ Jᵀ); along a lost direction Λ is infinite. `None` without A⁻¹.
     pub(crate) fn mobility(
         J: &Jacobian,
         A: &SMatrix<f64, MAX_DOF, MAX_DOF>,
-        half: Half,
+        is_angular: bool,
     ) -> Option<Self> {
-        let A_inverse = A.try_inverse()?;
-        Some(Self::of(
-            &block(&(J * A_inverse * J.transpose()), half),
-            |lambda| lambda,
-        ))
+        let W = block(&(J * A.try_inverse()? * J.transpose()), is_angular);
+        Some(Self::of(&W, |lambda| lambda))
     }
 
     fn of(W: &Matrix3<f64>, half_axis: impl Fn(f64) -> f64) -> Self {
@@ -78,19 +73,19 @@ impl Ellipsoid {
 
 /// The Jacobian at C from that at E: v_C = v_E + ω × (p_C − p_E).
 pub(crate) fn at_point(mut J: Jacobian, r_EC: &Vector3<f64>) -> Jacobian {
-    let angular = J.fixed_rows::<3>(3).into_owned();
-    let lever = -r_EC.cross_matrix() * angular;
+    let lever = -r_EC.cross_matrix() * J.fixed_rows::<3>(3).into_owned();
     let mut linear = J.fixed_rows_mut::<3>(0);
     linear += lever;
     J
 }
 
 /// The linear block of W, or the angular one's section where nothing moves linearly: W_ωω − W_ωv W_vv⁺ W_vω.
-fn block(W: &SMatrix<f64, 6, 6>, half: Half) -> Matrix3<f64> {
+fn block(W: &SMatrix<f64, 6, 6>, is_angular: bool) -> Matrix3<f64> {
     let part = |row: usize, column: usize| W.fixed_view::<3, 3>(row, column).into_owned();
-    match half {
-        Half::Linear => part(0, 0),
-        Half::Angular => part(3, 3) - part(3, 0) * pseudo_inverse(&part(0, 0)) * part(0, 3),
+    if is_angular {
+        part(3, 3) - part(3, 0) * pseudo_inverse(&part(0, 0)) * part(0, 3)
+    } else {
+        part(0, 0)
     }
 }
 
@@ -117,11 +112,11 @@ mod tests {
         let elbow = [0.3, -0.9, 1.617_633_433_908_135_6, 0.2, 0.8, 0.1];
         let wrist = [0.35, -1.05, 2.97, 0.4, 0.0, 0.2];
         let free = [0.3, -0.9, 2.9, 0.2, 0.8, 0.1];
-        for (q, half, is_locked) in [
-            (elbow, Half::Linear, true),
-            (wrist, Half::Angular, true),
-            (free, Half::Linear, false),
-            (free, Half::Angular, false),
+        for (q, is_angular, is_locked) in [
+            (elbow, false, true),
+            (wrist, true, true),
+            (free, false, false),
+            (free, true, false),
         ] {
             let q = model::embedded(&q);
             // C, the wrist centre: where the axes of joints 4 to 6 meet.
@@ -129,15 +124,15 @@ mod tests {
             let J = at_point(arm.jacobian(&q), &r_EC);
             let sigma = unit_scaled(&J, robot.length_m, &[true; 6]).singular_values();
             assert_eq!(sigma[5] < 1e-6, is_locked, "{sigma:?}");
-            let velocity = Ellipsoid::velocity(&J, arm.velocity(), half);
-            let mobility = Ellipsoid::mobility(&J, &arm.mass_matrix(&q), half);
+            let velocity = Ellipsoid::velocity(&J, arm.velocity(), is_angular);
+            let mobility = Ellipsoid::mobility(&J, &arm.mass_matrix(&q), is_angular);
             for Ellipsoid { axes, half_axes } in [Some(velocity), mobility].into_iter().flatten() {
                 assert!((half_axes.max_element() - 1.0).abs() < 1e-6);
                 assert_eq!(half_axes.min_element() < 1e-3, is_locked, "{half_axes}");
                 let zeta = axes.col(half_axes.min_position()).to_array().map(f64::from);
                 // Only the wrist's joints turn the hand while C stands.
-                let (rows, first) = if half == Half::Linear { (0, 0) } else { (3, 3) };
-                let column = |i| J.fixed_view::<3, 1>(rows, i).into_owned();
+                let first = if is_angular { 3 } else { 0 };
+                let column = |i| J.fixed_view::<3, 1>(first, i).into_owned();
                 let is_still = |i| column(i).dot(&Vector3::from(zeta)).abs() < 1e-4;
                 assert!(!is_locked || (first..6).all(is_still));
             }

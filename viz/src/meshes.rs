@@ -1,6 +1,6 @@
 //! The meshes that an arm's file names, out of their files: STL, OBJ and COLLADA.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::env::{split_paths, var_os};
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 use std::path::{Path, PathBuf};
@@ -17,31 +17,28 @@ use crate::body::Mesh;
 const PACKAGES: [(&str, &str); 2] = [("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share")];
 
 /// The readable meshes, by the name in the robot's file.
-#[derive(Debug, Default)]
-pub(crate) struct Meshes(pub(crate) BTreeMap<String, Scene>);
+#[derive(Default)]
+pub(crate) struct Meshes(BTreeMap<String, Scene>);
 
 impl Meshes {
     /// Those of an arm; and a sentence about those that are lacking.
     pub(crate) fn of(robot: &Robot) -> (Self, Option<String>) {
-        let files = robot
-            .shapes
-            .iter()
-            .filter_map(|shape| match &shape.geometry {
-                Geometry::Mesh { file, .. } => Some(file),
-                _ => None,
-            });
-        let read: BTreeMap<_, _> = files.map(|file| (file, read(robot, file))).collect();
-        let count = read.len();
+        let shapes = robot.shapes.iter();
+        let files = shapes.filter_map(|shape| match &shape.geometry {
+            Geometry::Mesh { file, .. } => Some(file),
+            _ => None,
+        });
+        let files: BTreeSet<&String> = files.collect();
+        let count = files.len();
         let (mut meshes, mut lacking) = (Self::default(), Vec::new());
-        for (file, scene) in read {
-            match scene {
+        for file in files {
+            match read(robot, file) {
                 Ok(scene) => drop(meshes.0.insert(file.clone(), scene)),
                 Err(reason) => lacking.push(format!("{file}: {reason}")),
             }
         }
         let sentence = lacking.first().map(|first| {
-            let number = lacking.len();
-            let arm = &robot.name;
+            let (arm, number) = (&robot.name, lacking.len());
             format!("{arm}: {number} of {count} meshes cannot be read, so simpler shapes are drawn; {first}")
         });
         (meshes, sentence)
@@ -102,10 +99,8 @@ fn read(robot: &Robot, file: &str) -> Result<Scene, String> {
         None => "there is no such file in the folder of the robot's file",
     })?;
     let bytes = files::read(&path).map_err(|error| error.to_string())?;
-    let is_collada = path
-        .extension()
-        .is_some_and(|ending| ending.eq_ignore_ascii_case("dae"));
-    if is_collada {
+    let ending = path.extension().unwrap_or_default();
+    if ending.eq_ignore_ascii_case("dae") {
         check_collada(&bytes)?;
     }
     let loader = Loader::default().custom_reader(files::read);
@@ -131,8 +126,10 @@ fn check_collada(bytes: &[u8]) -> Result<(), String> {
             Event::Start(_) => depth += 1,
             Event::End(_) => depth = depth.saturating_sub(1),
             Event::Text(text) if is_vcount => {
-                let corners = std::str::from_utf8(text).unwrap_or_default();
-                let corners = corners.split_whitespace().map(number);
+                let corners = std::str::from_utf8(text)
+                    .unwrap_or_default()
+                    .split_whitespace()
+                    .map(number);
                 numbers = numbers.max(corners.fold(0, u64::saturating_add));
             }
             _ => {}
@@ -187,19 +184,18 @@ fn find(folder: &Path, file: &str) -> Option<PathBuf> {
         return Some(PathBuf::from(rest)).filter(|path| path.is_file());
     }
     let (package, rest) = rest.split_once('/')?;
-    let listed = PACKAGES.into_iter().flat_map(|(variable, inside)| {
-        let folders = var_os(variable).unwrap_or_default();
-        let folders: Vec<_> = split_paths(&folders)
-            .map(|path| path.join(inside))
-            .collect();
-        folders
+    let mut homes: Vec<PathBuf> = folder.ancestors().map(Path::to_owned).collect();
+    for (variable, inside) in PACKAGES {
+        let listed = var_os(variable).unwrap_or_default();
+        homes.extend(split_paths(&listed).map(|home| home.join(inside)));
+    }
+    let mut all = homes.iter().flat_map(|home| {
+        home.ends_with(package)
+            .then(|| home.join(rest))
+            .into_iter()
+            .chain([home.join(package).join(rest)])
     });
-    let homes = folder.ancestors().map(Path::to_owned).chain(listed);
-    let mut places = homes.flat_map(|home| {
-        let itself = Some(home.clone()).filter(|home| home.ends_with(package));
-        itself.into_iter().chain([home.join(package)])
-    });
-    places.find_map(|place| Some(place.join(rest)).filter(|path| path.is_file()))
+    all.find(|file| file.is_file())
 }
 
 #[cfg(test)]
@@ -243,10 +239,17 @@ endsolid t
         let source = files::robot(path, None).expect("there");
         let robot = Robot::from_source(&source).expect("an arm");
         let (meshes, lacking) = Meshes::of(&robot);
-        let mut parts = Body::new(&robot, 0.0, &meshes).parts.into_iter();
-        let part = parts.find(|part| part.link == Some(0)).expect("a link");
+        let part = Body::new(&robot, 0.0, &meshes)
+            .parts
+            .into_iter()
+            .find(|part| part.link == Some(0))
+            .expect("a link");
         let corners = match part.form {
-            Form::Mesh(mesh) => mesh.positions.iter().map(|p| part.at.of(*p)).collect(),
+            Form::Mesh(mesh) => mesh
+                .positions
+                .iter()
+                .map(|p| part.at.transform_point3(*p))
+                .collect(),
             _ => Vec::new(),
         };
         (corners, part.colour, lacking)

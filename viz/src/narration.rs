@@ -2,16 +2,15 @@
 
 use nalgebra::Vector3;
 use shared_types::codes::*;
-use shared_types::messages::SingularityState;
 
+use crate::facts::Facts;
 use crate::pose::Rgba;
-use crate::signals::TickRow;
+use crate::run::Tick;
+use crate::signals::Now;
+use crate::story::Named;
 
 /// A colour and its name.
 type Tint = (&'static str, Rgba);
-const ORANGE: Tint = ("orange", 0xff8018ff);
-const MAGENTA: Tint = ("magenta", 0xf046dcff);
-const YELLOW: Tint = ("yellow", 0xfad63cff);
 /// Of those that are found by number.
 const OTHERS: [Tint; 4] = [
     ("violet", 0xb48cffff),
@@ -21,53 +20,30 @@ const OTHERS: [Tint; 4] = [
 ];
 
 /// A singularity's colour, the same in marks, plots and words: by kind, for one found by number by its place.
-fn named_colour(kind: u32, index: usize) -> Tint {
+pub(crate) fn named_colour(kind: u32, index: usize) -> Tint {
     match kind {
-        KIND_ELBOW => ORANGE,
-        KIND_WRIST => MAGENTA,
-        KIND_OVERHEAD | KIND_SHOULDER => YELLOW,
+        KIND_ELBOW => ("orange", 0xff8018ff),
+        KIND_WRIST => ("magenta", 0xf046dcff),
+        KIND_OVERHEAD | KIND_SHOULDER => ("yellow", 0xfad63cff),
         _ => OTHERS[index % OTHERS.len()],
     }
 }
 
-/// The colour alone.
-pub(crate) fn colour_of(kind: u32, index: usize) -> Rgba {
-    named_colour(kind, index).1
-}
-
-/// States with the colours of their lanes.
-pub(crate) type States = &'static [(&'static str, u32)];
-
-/// Lanes of modes: grey outside, warm inside.
-pub(crate) const MODE_STATES: States = &[
-    ("regular", 0x3d4753ff),
-    ("blend", 0x8a7a3aff),
-    ("track", 0x2f8f6bff),
-    ("pass", 0x2f7fb5ff),
-    ("hold", 0x8f6a4aff),
-    ("reorient", 0xb03aa0ff),
-    ("slide", 0x4f7f86ff),
-    ("recover", 0x6b5fb0ff),
+/// Colours of the lanes of [`MODES`]: grey outside, warm inside.
+pub(crate) const MODE_COLOURS: [Rgba; MODES.len()] = [
+    0x3d4753ff, 0x8a7a3aff, 0x2f8f6bff, 0x2f7fb5ff, 0x8f6a4aff, 0xb03aa0ff, 0x4f7f86ff, 0x6b5fb0ff,
 ];
 
-/// Lanes of the drive.
-pub(crate) const DRIVE_STATES: States = &[
-    ("active", 0x3f7f55ff),
-    ("holding", 0xb59a2fff),
-    ("stopping", 0xc2602fff),
-    ("braked", 0xb03a3aff),
-];
+/// Colours of the lane of [`DRIVES`].
+pub(crate) const DRIVE_COLOURS: [Rgba; DRIVES.len()] =
+    [0x3f7f55ff, 0xb59a2fff, 0xc2602fff, 0xb03a3aff];
 
-/// Lanes of the task.
-pub(crate) const PHASE_STATES: States = &[
-    ("running", 0x3a6fb0ff),
-    ("settling", 0x5a8fa0ff),
-    ("done", 0x3f7f55ff),
-    ("refused", 0xb03a3aff),
-];
+/// Colours of the lane of [`PHASES`].
+pub(crate) const PHASE_COLOURS: [Rgba; PHASES.len()] =
+    [0x3a6fb0ff, 0x5a8fa0ff, 0x3f7f55ff, 0xb03a3aff];
 
-/// Lanes of the processes.
-pub(crate) const LIFE_STATES: States = &[
+/// Lanes of the processes: states and their colours.
+pub(crate) const LIFE_STATES: [(&str, Rgba); 4] = [
     ("up", 0x3d5f4bff),
     ("silent", 0xb0602fff),
     ("waiting", 0x5a626cff),
@@ -75,11 +51,11 @@ pub(crate) const LIFE_STATES: States = &[
 ];
 
 /// Colours of the lane of faults: of one in force, and of none.
-pub(crate) const FAULT_COLOUR: u32 = 0xc03030ff;
-pub(crate) const NO_FAULT: (&str, u32) = ("none", 0x2a3038ff);
+pub(crate) const FAULT_COLOUR: Rgba = 0xc03030ff;
+pub(crate) const NO_FAULT: (&str, Rgba) = ("none", 0x2a3038ff);
 
 /// A stretch in the neighbourhood of a singularity with one response: its first tick and the tick after its last.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Debug, PartialEq)]
 struct Stretch {
     singularity: usize,
     first: u64,
@@ -88,12 +64,12 @@ struct Stretch {
 }
 
 /// The events of a run so far: the words of a moment depend on it.
-#[derive(Clone, Debug, Default)]
+#[derive(Default)]
 pub(crate) struct History {
     /// The acts of control inside neighbourhoods, by the time at which it began.
     stretches: Vec<Stretch>,
-    /// The largest distance of the hand from its place; m. Of tasks in which it should stand still only.
-    off_m: Option<f64>,
+    /// The largest distance of the hand from its place; m.
+    off_m: f64,
 }
 
 /// A stretch goes on across so many ticks without a command; and what is shorter than this is not told.
@@ -101,22 +77,14 @@ const PATIENCE: u64 = 5;
 const SHORT_S: f64 = 0.05;
 
 /// The response at a singularity.
-fn mode(row: &TickRow, i: usize) -> u32 {
+pub(crate) fn mode(row: &Tick, i: usize) -> u32 {
     row.control_state
         .map_or(MODE_REGULAR, |state| state.mode[i])
 }
 
 impl History {
-    /// Of a run whose hand should stand still, or of another.
-    pub(crate) fn new(stands_still: bool) -> Self {
-        Self {
-            off_m: stands_still.then_some(0.0),
-            ..Self::default()
-        }
-    }
-
     /// Takes a tick in. While the drives hold or brake the arm, no response acts.
-    pub(crate) fn push(&mut self, row: &TickRow) {
+    pub(crate) fn push(&mut self, row: &Tick) {
         let is_driven = row.sensor.is_none_or(|sensor| sensor.drive == DRIVE_ACTIVE);
         for (singularity, one) in row.singularities().iter().enumerate() {
             let (first, mode) = (row.tick, mode(row, singularity));
@@ -133,41 +101,31 @@ impl History {
                 }),
             }
         }
-        if let (Some(off_m), Some(state), Some(desired)) =
-            (&mut self.off_m, row.plant_state, row.control_state)
-        {
+        if let (Some(state), Some(desired)) = (row.plant_state, row.control_state) {
             let off = Vector3::from(state.p_BE) - Vector3::from(desired.p_BE_d);
-            *off_m = off_m.max(off.norm());
+            self.off_m = self.off_m.max(off.norm());
         }
     }
 
-    /// How far the hand has been off a place where it should stand still; mm, to two digits.
-    fn off_mm(&self) -> Option<f64> {
-        let off_um = self.off_m? * 1e6;
+    /// How far the hand has been off its place; mm, to two digits.
+    fn off_mm(&self) -> f64 {
+        let off_um = self.off_m * 1e6;
         let digit = 10f64.powf(off_um.max(1.0).log10().floor() - 1.0).max(1.0);
-        Some((off_um / digit).round() * digit * 1e-3)
+        (off_um / digit).round() * digit * 1e-3
     }
 }
 
-/// A moment of a run, and the properties of the run that its words depend on.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Moment<'a, 'm> {
-    pub(crate) row: &'a TickRow<'m>,
+/// A moment of a run, and what its words depend on besides.
+pub(crate) struct Moment<'a> {
+    pub(crate) row: &'a Tick,
+    pub(crate) facts: &'a Facts<'a>,
     pub(crate) history: &'a History,
-    /// The scenario's title.
-    pub(crate) title: &'a str,
-    pub(crate) joints: usize,
-    pub(crate) rate_hz: u32,
-    /// Directions of the task.
-    pub(crate) directions: usize,
     /// The fault in force, in a few words.
     pub(crate) fault: Option<&'a str>,
-    /// The force asked for, and that on the surface; N.
-    pub(crate) pressed: Option<[f64; 2]>,
 }
 
 /// The events of a tick, in words: a headline, and lines, some of them about a singularity.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Default, PartialEq)]
 pub(crate) struct Words {
     pub(crate) headline: String,
     pub(crate) lines: Vec<(Option<usize>, String)>,
@@ -175,21 +133,34 @@ pub(crate) struct Words {
 
 impl Words {
     /// As the viewer reads it, with the colours of the singularities by their names.
-    pub(crate) fn markdown(&self, singularities: &[SingularityState]) -> String {
-        let line = |(of, text): &(Option<usize>, String)| match of {
-            Some(i) => format!("{}{text}.  \n", coloured(*i, &singularities[*i])),
+    pub(crate) fn markdown(&self, named: &[Named]) -> String {
+        let line = |(of, text): &(Option<usize>, String)| match of.and_then(|i| named.get(i)) {
+            Some(one) => format!("**{}** ({}){text}.  \n", one.name, one.colour_name),
             None => format!("{text}.  \n"),
         };
         let lines: String = self.lines.iter().map(line).collect();
         format!("**{}**  \n{lines}", self.headline)
     }
 
-    fn add(&mut self, singularity: Option<usize>, text: String) {
-        self.lines.push((singularity, text));
+    fn add(&mut self, text: impl Into<String>) {
+        self.lines.push((None, text.into()));
+    }
+
+    fn add_about(&mut self, singularity: usize, text: String) {
+        self.lines.push((Some(singularity), text));
+    }
+
+    /// A headline; below that of a fault, a line.
+    fn head(&mut self, headline: String) {
+        if self.headline.is_empty() {
+            self.headline = headline
+        } else {
+            self.add(headline)
+        }
     }
 }
 
-impl Moment<'_, '_> {
+impl Moment<'_> {
     /// The drive's state first; then the singularities that the arm is in, the motion that is lost there, and the response.
     pub(crate) fn words(&self) -> Words {
         let mut words = Words::default();
@@ -204,29 +175,18 @@ impl Moment<'_, '_> {
         }
         if let Some(state) = self.row.servo_state {
             let reason = reason_text(state.reason, state.joint, state.upper);
-            words.add(None, format!("Steered: {reason}"));
-        } else if self
-            .row
-            .control_state
-            .is_some_and(|state| state.clipped == 1)
-        {
-            let text = "The goal is out of reach: the hand slides along the boundary";
-            words.add(None, text.to_owned());
+            words.add(format!("Steered: {reason}"));
+        } else if self.row.control_state.is_some_and(|m| m.clipped == 1) {
+            words.add("The goal is out of reach: the hand slides along the boundary");
         }
-        if let Some([asked, force]) = self.pressed {
+        if let Some([asked, force]) = Now::new(self.row, self.facts).pressed() {
             let digits = usize::from(asked < 10.0);
-            words.add(
-                None,
-                format!("The hand presses with {force:.digits$} N of {asked} N"),
-            );
+            words.add(format!(
+                "The hand presses with {force:.digits$} N of {asked} N"
+            ));
         }
-        if self
-            .row
-            .torque
-            .is_some_and(|torque| torque.phase == PHASE_REFUSED)
-        {
-            let text = "The controller refused to go on and brings the arm to rest";
-            words.add(None, text.to_owned());
+        if self.row.torque.is_some_and(|m| m.phase == PHASE_REFUSED) {
+            words.add("The controller refused to go on and brings the arm to rest");
         }
         words
     }
@@ -251,28 +211,19 @@ impl Moment<'_, '_> {
             words.headline = format!("{}: {does}", self.fault.unwrap_or(late));
         }
         if !is_driven {
-            let text = "The drives do this by themselves until fresh torque comes. In the lanes of the processes, those that wait for another one are grey";
-            words.add(None, text.to_owned());
+            words.add("The drives do this by themselves until fresh torque comes. In the lanes of the processes, those that wait for another one are grey");
         }
         is_driven
     }
 
-    /// A headline; below that of a fault, a line.
-    fn head(words: &mut Words, headline: String) {
-        match words.headline.is_empty() {
-            true => words.headline = headline,
-            false => words.add(None, headline),
-        }
-    }
-
     /// No singularity is in the way: those that the arm has been in, the last of them at the end.
     fn tell_free(&self, words: &mut Words) {
-        if let Some(off_mm) = self.history.off_mm() {
-            Self::head(words, self.title.to_owned());
-            let text = format!(
+        if self.facts.stands_still {
+            let off_mm = self.history.off_mm();
+            words.head(self.facts.title.to_owned());
+            return words.add(format!(
                 "The hand should stand still. It has been {off_mm} mm off its place at most. Amber: its way, 50 times as large"
-            );
-            return words.add(None, text);
+            ));
         }
         let mut all = self.row.singularities().iter().enumerate();
         let headline = match all.find(|(i, _)| mode(self.row, *i) != MODE_REGULAR) {
@@ -283,28 +234,30 @@ impl Moment<'_, '_> {
             ),
             None => "Free: the hand can move in every direction".to_owned(),
         };
-        Self::head(words, headline);
-        let rate_hz = f64::from(self.rate_hz.max(1));
-        let long = self.history.stretches.iter();
-        let long: Vec<&Stretch> = long
-            .filter(|one| (one.end - one.first) as f64 > SHORT_S * rate_hz)
-            .collect();
+        words.head(headline);
+        let rate_hz = f64::from(self.facts.rate_hz);
+        let is_long = |one: &&Stretch| (one.end - one.first) as f64 > SHORT_S * rate_hz;
+        let long: Vec<_> = self.history.stretches.iter().filter(is_long).collect();
         for stretch in &long[long.len().saturating_sub(3)..] {
             let [first, end] = [stretch.first, stretch.end].map(|tick| tick as f64 / rate_hz);
             let text = format!(", {first:.2} to {end:.2} s: {}", doing(stretch.mode));
-            words.add(Some(stretch.singularity), text);
+            words.add_about(stretch.singularity, text);
         }
     }
 
     /// The singularities that the arm is in, each with what control does there while the drives follow it.
     fn tell_locks(&self, words: &mut Words, is_driven: bool) {
-        let all = self.row.singularities().iter().enumerate();
-        let inside: Vec<_> = all.filter(|(_, one)| one.inside == 1).collect();
-        let rank = format!(
-            "rank {} of {}",
-            self.directions.saturating_sub(inside.len()),
-            self.directions
-        );
+        let inside: Vec<_> = self
+            .row
+            .singularities()
+            .iter()
+            .enumerate()
+            .filter(|(_, one)| one.inside == 1)
+            .collect();
+        let joints = self.facts.joints();
+        let directions = self.facts.robot.task.count().min(joints);
+        let rank = directions.saturating_sub(inside.len());
+        let rank = format!("rank {rank} of {directions}");
         let headline = match inside[..] {
             [(i, one)] => {
                 // One that was found by number has no name but that.
@@ -319,22 +272,16 @@ impl Moment<'_, '_> {
             }
             _ => format!("{} directions are lost · {rank}", inside.len()),
         };
-        Self::head(words, headline);
+        words.head(headline);
         for (i, one) in inside {
-            let (class, why) = (name_of(TYPES, one.class), reason(one.kind, self.joints));
+            let (class, why) = (name_of(TYPES, one.class), reason(one.kind, joints));
             let doing = match mode(self.row, i) {
                 mode if is_driven && mode != MODE_REGULAR => format!("; {}", doing(mode)),
                 _ => String::new(),
             };
-            words.add(Some(i), format!(", {class}: {why}{doing}"));
+            words.add_about(i, format!(", {class}: {why}{doing}"));
         }
     }
-}
-
-/// The name of a singularity with its colour.
-fn coloured(i: usize, one: &SingularityState) -> String {
-    let (name, (colour, _)) = (singularity_name(one.kind, i), named_colour(one.kind, i));
-    format!("**{name}** ({colour})")
 }
 
 /// With a capital letter.
@@ -366,7 +313,7 @@ fn reason(kind: u32, joints: usize) -> &'static str {
 }
 
 /// The arm's response in a mode.
-pub(crate) fn doing(mode: u32) -> &'static str {
+fn doing(mode: u32) -> &'static str {
     match mode {
         MODE_REGULAR => "plain operational-space control",
         MODE_BLEND => "blends hand and null-space control",
@@ -390,29 +337,34 @@ mod tests {
     #[test]
     fn the_past_is_known() {
         let (mut report, mut command) = <(SingularityReport, ControlState)>::default();
-        let (mut state, mut history) = (PlantState::default(), History::new(true));
+        let (mut state, mut history) = <(PlantState, History)>::default();
         let mut sensor = SensorSample::default();
         report.count = 1;
-        for tick in 0..30 {
-            let is_inside = (10..25).contains(&tick);
-            report.singularities[0].inside = u32::from(is_inside);
-            command.mode[0] = if tick < 22 { MODE_REORIENT } else { MODE_TRACK };
-            state.p_BE[1] = if tick == 7 { 0.008_462 } else { 0.001 };
-            let is_braked = (14..21).contains(&tick);
-            sensor.drive = if is_braked {
-                DRIVE_STOPPING
+        for number in 0..30 {
+            report.singularities[0].inside = u32::from((10..25).contains(&number));
+            command.mode[0] = if number < 22 {
+                MODE_REORIENT
             } else {
-                DRIVE_ACTIVE
+                MODE_TRACK
+            };
+            state.p_BE[1] = if number == 7 { 0.008_462 } else { 0.001 };
+            sensor.drive = match number {
+                14..21 => DRIVE_STOPPING,
+                _ => DRIVE_ACTIVE,
             };
             let messages = ByTopic {
-                sensor: Some(&sensor),
-                plant_state: Some(&state),
-                singularity: Some(&report),
-                control_state: Some(&command),
+                sensor: Some(sensor),
+                plant_state: Some(state),
+                singularity: Some(report),
+                control_state: Some(command),
                 ..ByTopic::default()
             };
-            history.push(&TickRow::new(tick, messages));
-            assert_eq!(history.off_mm(), Some(if tick < 7 { 1.0 } else { 8.5 }));
+            history.push(&Tick {
+                tick: number,
+                messages,
+                events: Vec::new(),
+            });
+            assert_eq!(history.off_mm(), if number < 7 { 1.0 } else { 8.5 });
         }
         let stretch = |first, end, mode| Stretch {
             singularity: 0,
@@ -426,18 +378,5 @@ mod tests {
             stretch(22, 25, MODE_TRACK),
         ];
         assert_eq!(history.stretches, expected);
-    }
-
-    #[test]
-    fn every_code_has_a_lane_colour() {
-        let tables = [
-            (MODES, MODE_STATES),
-            (DRIVES, DRIVE_STATES),
-            (PHASES, PHASE_STATES),
-        ];
-        for (table, states) in tables {
-            let has_colour = |name: &str| states.iter().any(|(state, _)| *state == name);
-            assert!(table.iter().all(|(_, name)| has_colour(name)));
-        }
     }
 }

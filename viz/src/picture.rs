@@ -1,27 +1,20 @@
 //! From a tick to what is seen of it: THE function that the viewer's rows and the report's pictures are made of. PURE.
 
-use glam::{Mat3, Vec3};
-use shared_types::codes::{MODE_REGULAR, MODE_REORIENT, singularity_name};
+use glam::{Affine3, Mat3, Vec3};
+use shared_types::codes::MODE_REORIENT;
 use shared_types::messages::SingularityState;
 use shared_types::{MAX_DOF, MAX_SINGULARITIES};
 
+use crate::eye::Room;
 use crate::facts::Facts;
-use crate::narration::{History, Moment, Words, colour_of};
-use crate::pose::{Placement, Rgba, pose};
+use crate::narration::{History, Moment, Words, mode};
+use crate::pose::pose;
+use crate::run::Tick;
 use crate::scene::{Mark, NullMotion};
-use crate::signals::{Now, TickRow};
+use crate::signals::Now;
 use crate::story::{News, Story};
 
-/// A singularity of the arm.
-#[derive(Clone, Debug)]
-pub(crate) struct Named {
-    pub(crate) name: String,
-    pub(crate) kind: u32,
-    pub(crate) colour: Rgba,
-}
-
 /// A singularity's mark, and what has happened to ζ there.
-#[derive(Clone, Debug)]
 pub(crate) struct Sign {
     pub(crate) mark: Mark,
     pub(crate) mode: u32,
@@ -34,13 +27,12 @@ pub(crate) struct Sign {
 }
 
 /// All that is seen of a tick.
-#[derive(Clone, Debug)]
 pub(crate) struct Picture {
     pub(crate) tick: u64,
     pub(crate) q: [f64; MAX_DOF],
-    pub(crate) links: [Placement; MAX_DOF],
-    pub(crate) hand: Placement,
-    pub(crate) desired: Option<Placement>,
+    pub(crate) links: [Affine3; MAX_DOF],
+    pub(crate) hand: Affine3,
+    pub(crate) desired: Option<Affine3>,
     pub(crate) signs: Vec<Sign>,
     pub(crate) words: Words,
     /// The present null-space motion: postures gone through, oldest first, and how far each joint has turned.
@@ -49,7 +41,7 @@ pub(crate) struct Picture {
 }
 
 /// The turn of ζ since the arm entered a neighbourhood.
-#[derive(Clone, Debug, Default)]
+#[derive(Default)]
 struct Sweep {
     directions: Vec<Vec3>,
     turned_deg: f32,
@@ -61,7 +53,7 @@ struct Sweep {
 /// A run so far, as pictures are made of it.
 pub(crate) struct Scene {
     pub(crate) story: Story,
-    pub(crate) named: Vec<Named>,
+    pub(crate) room: Room,
     /// The largest errors so far, mm and degrees.
     pub(crate) errors: [f64; 2],
     history: History,
@@ -69,6 +61,8 @@ pub(crate) struct Scene {
     sweeps: [Sweep; MAX_SINGULARITIES],
 }
 
+/// Pictures per second: enough for eyes.
+const PICTURE_HZ: f64 = 50.0;
 /// Steps of ζ that are kept; degrees. Less than three of them are worth no picture.
 const SWEEP_DEG: f32 = 8.0;
 pub(crate) const FEW: usize = 2;
@@ -76,13 +70,13 @@ pub(crate) const FEW: usize = 2;
 const FREE_DEG: f32 = 44.0;
 
 impl Scene {
-    pub(crate) fn new(facts: &Facts, story: Story) -> Self {
+    pub(crate) fn new(facts: &Facts) -> Self {
         Self {
-            story,
-            named: Vec::new(),
+            story: Story::new(facts),
+            room: Room::default(),
             errors: [0.0; 2],
-            history: History::new(facts.stands_still),
-            null: NullMotion::new(facts.length_m),
+            history: History::default(),
+            null: NullMotion::default(),
             sweeps: Default::default(),
         }
     }
@@ -91,34 +85,29 @@ impl Scene {
     pub(crate) fn push(
         &mut self,
         facts: &Facts,
-        row: &TickRow,
+        row: &Tick,
         tell: &mut dyn FnMut(u64, News),
     ) -> Option<Picture> {
         self.story.push(row, tell);
         self.history.push(row);
-        if self.named.is_empty() {
-            let all = row.singularities().iter().enumerate();
-            let named = all.map(|(i, one)| Named {
-                name: singularity_name(one.kind, i).to_owned(),
-                kind: one.kind,
-                colour: colour_of(one.kind, i),
-            });
-            self.named = named.collect();
-        }
-        let q = row.q().filter(|_| facts.is_pictured(row.tick))?;
-        let now = Now::new(row, &facts.limits, None);
+        let is_pictured = row.tick.is_multiple_of(facts.every(1.0 / PICTURE_HZ));
+        let q = row.q().filter(|_| is_pictured)?;
+        let now = Now::new(row, facts);
         for (angular, to_shown) in [1e3, 1f64.to_degrees()].into_iter().enumerate() {
-            let parts = now.error(angular as u32).unwrap_or_default();
-            let most = parts.into_iter().fold(0.0, f64::max) * to_shown;
+            let most = now
+                .error(angular as u32)
+                .unwrap_or_default()
+                .into_iter()
+                .fold(0.0, f64::max)
+                * to_shown;
             self.errors[angular] = self.errors[angular].max(most);
         }
-        self.null.update(row);
+        self.null.update(row, facts.robot.length_m);
         let hand = row.plant_state.map(|state| pose(&state.p_BE, &state.R_BE));
         let hand = hand.unwrap_or_else(|| facts.hand(q));
-        let p_BC = row.singularity.map_or([0.0; 3], |report| report.p_BC);
-        let all = row.singularities().iter().enumerate();
-        let signs = all.map(|(i, one)| self.sign(facts, row, i, Mark::new(one, p_BC), &hand));
-        Some(Picture {
+        let count = row.singularities().len();
+        let signs = (0..count).map(|i| self.sign(facts, row, i, &hand));
+        let picture = Picture {
             tick: row.tick,
             q: *q,
             links: facts.links(q),
@@ -128,43 +117,33 @@ impl Scene {
             words: self.words(facts, row),
             postures: self.null.postures.clone(),
             turned: self.null.turned,
-        })
+        };
+        self.room.push(facts, &picture);
+        Some(picture)
     }
 
     /// The events of a tick.
-    pub(crate) fn words(&self, facts: &Facts, row: &TickRow) -> Words {
+    pub(crate) fn words(&self, facts: &Facts, row: &Tick) -> Words {
+        let fault = self.story.fault(row.tick);
         let moment = Moment {
             row,
+            facts,
             history: &self.history,
-            title: facts.title,
-            joints: facts.joints(),
-            rate_hz: facts.rate_hz,
-            directions: facts.directions().min(facts.joints()),
-            fault: self
-                .story
-                .fault(row.tick)
-                .map(|fault| fault.headline.as_str()),
-            pressed: Now::new(row, &facts.limits, None).pressed(),
+            fault: fault.map(|fault| fault.headline.as_str()),
         };
         moment.words()
     }
 
-    fn sign(
-        &mut self,
-        facts: &Facts,
-        row: &TickRow,
-        i: usize,
-        mark: Mark,
-        hand: &Placement,
-    ) -> Sign {
-        let command = row.control_state;
-        let mode = command.map_or(MODE_REGULAR, |state| state.mode[i]);
-        let number = command.map_or(0, |state| state.segment as usize);
+    fn sign(&mut self, facts: &Facts, row: &Tick, i: usize, hand: &Affine3) -> Sign {
+        let p_BC = row.singularity.map_or([0.0; 3], |report| report.p_BC);
+        let mark = Mark::new(&row.singularities()[i], p_BC);
+        let mode = mode(row, i);
+        let number = row.control_state.map_or(0, |state| state.segment as usize);
         let segment = facts.job.scenario.segment.get(number);
         let sweep = &mut self.sweeps[i];
         // It left as it came, or the task has gone on to something else.
         let is_over = segment.is_some() && sweep.segment.is_some_and(|of| of != number);
-        if is_over || (!mark.is_inside() && sweep.freed.is_none()) {
+        if is_over || (!mark.is_inside && sweep.freed.is_none()) {
             *sweep = Sweep::default();
         }
         let mut note = String::new();
@@ -173,20 +152,21 @@ impl Scene {
             note = "the old ζ is free again".to_owned();
             if let Some(turn) = turn {
                 let (axis, angle) =
-                    glam::Quat::from_mat3(&(hand.R * R_0.transpose())).to_axis_angle();
+                    glam::Quat::from_mat3(&(hand.matrix3 * R_0.transpose())).to_axis_angle();
                 let by = (angle * axis.dot(sweep.directions[0])).to_degrees().abs();
                 sweep.segment = Some(number);
                 note = format!("free again: {by:.0}°{}", of(Some(turn.by_deg)));
             }
-        } else if mark.is_inside() {
+        } else if mark.is_inside {
             sweep.turn(mark.zeta());
             if sweep.directions.len() > FEW {
-                let goal = segment.and_then(|one| one.reorient.as_ref());
-                let goal = goal.filter(|turn| turn.singularity == self.named[i].name);
+                let goal = segment
+                    .and_then(|one| one.reorient.as_ref())
+                    .filter(|turn| turn.singularity == self.story.named[i].name);
                 let goal = of(goal.map(|turn| turn.by_deg));
                 note = format!("ζ turned {:.0}°{goal}", sweep.turned_deg);
                 let is_turning = mode == MODE_REORIENT;
-                sweep.freed = (sweep.turned_deg > FREE_DEG && !is_turning).then_some(hand.R);
+                sweep.freed = (sweep.turned_deg > FREE_DEG && !is_turning).then_some(hand.matrix3);
             }
         }
         Sign {
@@ -207,8 +187,11 @@ impl Sweep {
             return;
         };
         let zeta = zeta * last.dot(zeta).signum();
-        let steps = self.directions.windows(2);
-        let swept: f32 = steps.map(|pair| pair[0].angle_between(pair[1])).sum();
+        let swept: f32 = self
+            .directions
+            .windows(2)
+            .map(|pair| pair[0].angle_between(pair[1]))
+            .sum();
         let step = last.angle_between(zeta);
         self.turned_deg = (swept + step).to_degrees();
         if step.to_degrees() > SWEEP_DEG {

@@ -1,54 +1,20 @@
 //! Places of what is drawn, in single precision: for eyes. PURE.
 
-use glam::{Mat3, Quat, Vec3};
+use glam::{Affine3, Mat3, Quat, Vec3};
 use model::Pose;
 use nalgebra::Vector3;
 
 /// sRGB bytes and opacity, `0xrrggbbaa`, as Rerun stores colours.
 pub(crate) type Rgba = u32;
 
-/// The pose of something in the frame it is drawn in: `x ↦ R·x + p`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Placement {
-    pub(crate) R: Mat3,
-    pub(crate) p: Vec3,
+/// At `p`, with the z axis along `axis`.
+pub(crate) fn along(p: Vec3, axis: Vec3) -> Affine3 {
+    let turn = Quat::from_rotation_arc(Vec3::Z, axis.normalize_or(Vec3::Z));
+    Affine3::from_rotation_translation(turn, p)
 }
 
-impl Placement {
-    pub(crate) const IDENTITY: Self = Self {
-        R: Mat3::IDENTITY,
-        p: Vec3::ZERO,
-    };
-
-    /// At `p`, not turned.
-    pub(crate) const fn at(p: Vec3) -> Self {
-        Self {
-            p,
-            ..Self::IDENTITY
-        }
-    }
-
-    /// At `p`, with the z axis along `axis`.
-    pub(crate) fn along(p: Vec3, axis: Vec3) -> Self {
-        let R = Mat3::from_quat(Quat::from_rotation_arc(Vec3::Z, axis.normalize_or(Vec3::Z)));
-        Self { R, p }
-    }
-
-    /// A place in the frame it is drawn in.
-    pub(crate) fn of(&self, place: Vec3) -> Vec3 {
-        self.R * place + self.p
-    }
-
-    pub(crate) fn then(&self, inner: &Self) -> Self {
-        Self {
-            R: self.R * inner.R,
-            p: self.of(inner.p),
-        }
-    }
-
-    pub(crate) fn rotation(&self) -> Quat {
-        Quat::from_mat3(&self.R).normalize()
-    }
+pub(crate) fn rotation(X: &Affine3) -> Quat {
+    Quat::from_mat3(&X.matrix3).normalize()
 }
 
 /// Two corners of the box about places.
@@ -61,17 +27,14 @@ pub(crate) fn vec3(v: &Vector3<f64>) -> Vec3 {
     Vec3::new(v.x as f32, v.y as f32, v.z as f32)
 }
 
-pub(crate) fn placement(X: &Pose) -> Placement {
-    Placement {
-        R: Mat3::from_cols_slice(X.R.map(|x| x as f32).as_slice()),
-        p: vec3(&X.p),
-    }
+/// The pose of a part in the frame that it is drawn in.
+pub(crate) fn placement(X: &Pose) -> Affine3 {
+    let R = Mat3::from_cols_slice(X.R.map(|x| x as f32).as_slice());
+    Affine3::from_mat3_translation(R, vec3(&X.p))
 }
 
 /// The pose of a message: position and rotation matrix, column-major.
-pub(crate) fn pose(p: &[f64; 3], R: &[f64; 9]) -> Placement {
-    Placement {
-        R: Mat3::from_cols_array(&R.map(|x| x as f32)),
-        p: vec3(&(*p).into()),
-    }
+pub(crate) fn pose(p: &[f64; 3], R: &[f64; 9]) -> Affine3 {
+    let R = Mat3::from_cols_array(&R.map(|x| x as f32));
+    Affine3::from_mat3_translation(R, vec3(&(*p).into()))
 }

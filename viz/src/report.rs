@@ -7,7 +7,6 @@ mod recorded;
 use minijinja::Environment;
 use minijinja::value::{Serde, Value};
 use serde_json::json;
-use shared_types::codes::MODE_REGULAR;
 use shared_types::job::Job;
 use shared_types::summary::{BOUNDARY, Summary};
 
@@ -15,14 +14,15 @@ use crate::blueprint::{ACROSS, ALONG, JOINTS};
 use crate::digits::digits;
 use crate::facts::Facts;
 use crate::narration::Words;
+use crate::picture::Picture;
 use crate::pose::Rgba;
 use crate::run::Source;
 use crate::signals::Signal;
-use crate::sink::RecordError;
+use crate::sink::{RecordError, defect};
 use crate::tint::{faded, hex, on_paper};
 use drawing::{Drawing, WIDTH};
 use plot::{Curve, Plot};
-use recorded::{Recorded, stretches};
+use recorded::Recorded;
 
 /// Lines of the log that are shown.
 const LOG_LINES: usize = 200;
@@ -61,15 +61,18 @@ const PLOTTED: &[Signal] = {
 /// # Errors
 /// [`RecordError`] where the arm cannot be drawn.
 pub fn report(summary: &Summary, source: Source, lacks: &[String]) -> Result<String, RecordError> {
-    let facts = &Facts::new(source.job, source.robot, None, false)?;
+    let facts = &Facts::new(source.job, source.robot, source.happened, false)?;
     let recorded = &Recorded::read(facts, source, summary.ticks, PLOTTED);
     let class = match summary.outcome.as_str() {
         BOUNDARY => "fair",
         _ if summary.is_success() => "good",
         _ => "bad",
     };
-    let log = recorded.log.iter().take(LOG_LINES);
-    let log = log.map(|event| json!([event.tick, event.level.name(), event.text]));
+    let log = recorded
+        .log
+        .iter()
+        .take(LOG_LINES)
+        .map(|event| json!([event.tick, event.level.name(), event.text]));
     let contents = json!({
         "of": summary,
         "title": facts.title,
@@ -83,7 +86,7 @@ pub fn report(summary: &Summary, source: Source, lacks: &[String]) -> Result<Str
         "plots": plots(facts, recorded),
         "stage": Drawing::new(facts, recorded).map(|drawing| stage(drawing, recorded, summary)),
     });
-    page(&contents).map_err(|error| RecordError::Rerun(error.to_string()))
+    page(&contents).map_err(defect)
 }
 
 fn page(contents: &serde_json::Value) -> Result<String, minijinja::Error> {
@@ -96,8 +99,9 @@ fn page(contents: &serde_json::Value) -> Result<String, minijinja::Error> {
     ] {
         environment.add_template(name, text)?;
     }
-    let page = environment.get_template("report.html")?;
-    page.render(Value::from(Serde(contents)))
+    environment
+        .get_template("report.html")?
+        .render(Value::from(Serde(contents)))
 }
 
 /// Words as the page shows them: colour and name of the singularity that a line is about, and the line.
@@ -133,21 +137,15 @@ fn stage(mut drawing: Drawing, recorded: &Recorded, summary: &Summary) -> serde_
     let one = markup(drawing.at(&all[all.len() / 2])).len().max(1);
     let stride = all.len().div_ceil((BYTES / one).clamp(2, FRAMES));
     let some = all.iter().step_by(stride).chain(all.last());
-    let (mut times, mut frames, mut words) = (Vec::new(), Vec::new(), Vec::new());
-    for picture in some {
-        times.push(recorded.seconds(picture.tick));
-        frames.push(markup(drawing.at(picture)));
-    }
-    let mut before = None;
-    for picture in all
-        .iter()
-        .filter(|one| before.replace(&one.words) != Some(&one.words))
-    {
-        words.push(json!([
-            recorded.seconds(picture.tick),
-            told(&picture.words, recorded)
-        ]));
-    }
+    let frame = |picture: &Picture| (recorded.seconds(picture.tick), markup(drawing.at(picture)));
+    let (times, frames): (Vec<_>, Vec<_>) = some.map(frame).unzip();
+    let words = all.chunk_by(|a, b| a.words == b.words).map(|same| {
+        json!([
+            recorded.seconds(same[0].tick),
+            told(&same[0].words, recorded)
+        ])
+    });
+    let words: Vec<_> = words.collect();
     json!({
         "moments": moments, "width": WIDTH, "height": drawing.height, "paints": drawing.paints, "end_s": recorded.end_s(),
         "data": { "t": times, "p": drawing.paints, "g": markup(ground), "w": words, "f": frames },
@@ -194,25 +192,30 @@ fn plots(facts: &Facts, recorded: &Recorded) -> Vec<serde_json::Value> {
     ];
     let row = |(plots, caption): (Vec<Plot>, &str)| {
         let is_alone = plots.len() == 1;
-        let plots = plots.iter().filter(|plot| !plot.curves.is_empty());
-        let plots = plots.map(|plot| drawn(plot, is_alone));
+        let plots = plots
+            .iter()
+            .filter(|plot| !plot.curves.is_empty())
+            .map(|plot| drawn(plot, is_alone));
         json!({ "plots": plots.collect::<Vec<_>>(), "caption": caption })
     };
     // A goal is a line, too: without a record there is no plot.
-    let rows = rows.into_iter().filter(|_| !recorded.lines.is_empty());
-    let rows = rows.map(row);
-    rows.filter(|row| !row["plots"][0].is_null()).collect()
+    if recorded.lines.is_empty() {
+        return Vec::new();
+    }
+    rows.into_iter()
+        .map(row)
+        .filter(|row| !row["plots"][0].is_null())
+        .collect()
 }
 
 /// A plot as the page has it; one alone in its row as wide as the page, and drawn anew for a narrow one.
 fn drawn(plot: &Plot, is_alone: bool) -> serde_json::Value {
-    let sizes: &[[f64; 2]] = match is_alone {
-        true => &[[700.0, 190.0], [350.0, 170.0]],
-        false => &[[350.0, 150.0]],
+    let sizes: &[[f64; 2]] = if is_alone {
+        &[[700.0, 190.0], [350.0, 170.0]]
+    } else {
+        &[[350.0, 150.0]]
     };
-    let drawings = sizes
-        .iter()
-        .map(|[width, height]| plot.drawing(*width, *height));
+    let drawings = sizes.iter().map(|size| plot.drawing(*size));
     json!({
         "title": plot.title, "drawings": drawings.collect::<Vec<_>>(),
         "floor": plot.floor.map(|(_, colour)| hex(colour)),
@@ -226,19 +229,23 @@ fn shares(recorded: &Recorded, own: &[Rgba]) -> Plot {
     let title = "β (1: hand, 0: null space) and governor";
     let mut plot = panel(recorded, title, Signal::Beta, own, "β ");
     plot.range = Some(-0.05..1.05);
-    let scales = recorded.of(Signal::Scale).iter().zip(SCALES);
-    plot.curves.extend(scales.map(|(line, colour)| Curve {
-        name: line.name.clone(),
-        colour,
-        is_dashed: true,
-        points: line.points.clone(),
-    }));
+    plot.curves.extend(
+        recorded
+            .of(Signal::Scale)
+            .iter()
+            .zip(SCALES)
+            .map(|(line, colour)| Curve {
+                name: line.name.clone(),
+                colour,
+                is_dashed: true,
+                points: line.points.clone(),
+            }),
+    );
     plot
 }
 
 /// A diagram of a signal's lines, with the faults and gaps in it; `prefix`: before the names of the lines.
 fn panel(recorded: &Recorded, title: &str, signal: Signal, colours: &[Rgba], prefix: &str) -> Plot {
-    let seconds = |tick| recorded.seconds(tick);
     let lines = recorded.of(signal);
     let gaps = lines.iter().max_by_key(|line| line.gaps.len());
     let gaps = gaps.into_iter().flat_map(|line| line.gaps.clone());
@@ -248,7 +255,6 @@ fn panel(recorded: &Recorded, title: &str, signal: Signal, colours: &[Rgba], pre
         is_dashed: false,
         points: line.points.clone(),
     };
-    let faults = recorded.faulty().into_iter();
     Plot {
         title: title.to_owned(),
         end_s: recorded.end_s(),
@@ -258,9 +264,7 @@ fn panel(recorded: &Recorded, title: &str, signal: Signal, colours: &[Rgba], pre
             .map(curve)
             .collect(),
         bands: gaps.map(|gap| (gap, faded(GREY, 77))).collect(),
-        faults: faults
-            .map(|fault| seconds(fault.start)..seconds(fault.end))
-            .collect(),
+        faults: recorded.faulty(),
         ..Plot::default()
     }
 }
@@ -287,25 +291,17 @@ fn errors(facts: &Facts, recorded: &Recorded) -> Vec<Plot> {
         Signal::PositionError,
         goal.position_mm,
     )];
-    if facts.task[3..].contains(&true) {
-        plots.push(of(
-            "orientation error, °",
-            Signal::OrientationError,
-            goal.orientation_deg,
-        ));
+    if facts.turns() {
+        let (title, signal) = ("orientation error, °", Signal::OrientationError);
+        plots.push(of(title, signal, goal.orientation_deg));
     }
     plots
 }
 
 /// How near the arm is to each singularity, in units of its neighbourhood.
 fn nearness(recorded: &Recorded, job: &Job, own: &[Rgba]) -> Plot {
-    let mut near = panel(
-        recorded,
-        "|s|/η: how near to each singularity",
-        Signal::Measure,
-        own,
-        "",
-    );
+    let title = "|s|/η: how near to each singularity";
+    let mut near = panel(recorded, title, Signal::Measure, own, "");
     (near.is_logarithmic, near.range) = (true, Some(1e-3..30.0));
     near.floor = Some((1.0, faded(BLUE, 33)));
     for (curve, one) in near.curves.iter_mut().zip(&recorded.named) {
@@ -314,11 +310,13 @@ fn nearness(recorded: &Recorded, job: &Job, own: &[Rgba]) -> Plot {
             point.1 = (point.1.abs() / eta).clamp(LEAST, 1e6);
         }
     }
-    for (modes, colour) in recorded.modes.iter().zip(own) {
-        for stretch in stretches(modes, recorded.last, |mode| *mode == MODE_REGULAR) {
-            let [from, to] = [stretch.start, stretch.end].map(|tick| recorded.seconds(tick));
-            near.bands.push((from..to, faded(*colour, 33)));
-        }
+    for (named, colour) in recorded.named.iter().zip(own) {
+        near.bands.extend(
+            recorded
+                .irregular(named)
+                .into_iter()
+                .map(|one| (one, faded(*colour, 33))),
+        );
     }
     near
 }
@@ -327,8 +325,7 @@ fn nearness(recorded: &Recorded, job: &Job, own: &[Rgba]) -> Plot {
 fn joints(facts: &Facts, recorded: &Recorded) -> Vec<Plot> {
     use Signal::*;
     let [speed, load] = facts.axis_units();
-    let is_limited = facts.limits.torque.iter().all(|limit| limit.is_finite());
-    let task = if is_limited {
+    let task = if facts.is_limited(|joint| joint.effort) {
         TorqueTaskRatio
     } else {
         TorqueTask

@@ -1,13 +1,13 @@
 //! A run as everything here reads it: its ticks, and what happened besides.
 
 use model::Robot;
-use shared_types::MAX_DOF;
 use shared_types::event::Event;
 use shared_types::job::Job;
+use shared_types::messages::SingularityState;
 use shared_types::summary::FaultSummary;
-use shared_types::topics::{ByTopic, Received};
-
-use crate::signals::TickRow;
+use shared_types::topics::{ByTopic, CHAIN, Received};
+use shared_types::wire::Header;
+use shared_types::{MAX_DOF, Message, SingularityReport};
 
 /// The messages of one tick, and what was noted since the one before; in real time some may be missing.
 #[derive(Clone, Debug, Default)]
@@ -20,13 +20,42 @@ pub struct Tick {
     pub events: Vec<Event>,
 }
 
+impl std::ops::Deref for Tick {
+    type Target = ByTopic<Received>;
+
+    fn deref(&self) -> &ByTopic<Received> {
+        &self.messages
+    }
+}
+
 impl Tick {
-    pub(crate) fn row(&self) -> TickRow<'_> {
-        TickRow {
-            tick: self.tick,
-            messages: self.messages.lent(),
-            events: &self.events,
-        }
+    /// Joint positions, rad: the simulator's, else the estimator's.
+    pub(crate) fn q(&self) -> Option<&[f64; MAX_DOF]> {
+        let estimated = self.estimate.as_ref().map(|estimate| &estimate.q);
+        self.plant_state.as_ref().map(|m| &m.q).or(estimated)
+    }
+
+    /// Joint velocities, rad/s: the simulator's, else the estimator's.
+    pub(crate) fn qdot(&self) -> Option<&[f64; MAX_DOF]> {
+        let estimated = self.estimate.as_ref().map(|estimate| &estimate.qdot);
+        self.plant_state.as_ref().map(|m| &m.qdot).or(estimated)
+    }
+
+    /// The singularities reported.
+    pub(crate) fn singularities(&self) -> &[SingularityState] {
+        self.singularity
+            .as_ref()
+            .map_or(&[], SingularityReport::listed)
+    }
+
+    /// The headers of the messages of [`CHAIN`]'s topics.
+    pub(crate) fn headers(&self) -> [Option<&Header>; CHAIN.len()] {
+        [
+            self.sensor.as_ref().map(Message::header),
+            self.estimate.as_ref().map(Message::header),
+            self.singularity.as_ref().map(Message::header),
+            self.torque.as_ref().map(Message::header),
+        ]
     }
 }
 

@@ -3,76 +3,22 @@
 //! One wide table, one row per tick: every chunk of a file carries the whole schema of its entity, so few wide entities are cheap
 //! where many narrow ones are not. Positions are f64, as they came; the rest is f32, 7 digits, which halves the file.
 
-use model::Robot;
-use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+use model::Joint;
+use nalgebra::{Matrix3, Rotation3, SVector, UnitQuaternion, Vector3};
 use shared_types::codes::FRAME_HAND;
-use shared_types::event::Event;
 use shared_types::graph::Graph;
 use shared_types::messages::SingularityState;
-use shared_types::scenario::{Force, Scenario};
-use shared_types::topics::{ByTopic, CHAIN, Lent};
+use shared_types::topics::CHAIN;
 use shared_types::wire::Stamps;
-use shared_types::{ControlState, MAX_DOF, SingularityReport};
+use shared_types::{ControlState, MAX_DOF};
 
-/// The messages of one tick, as a recorder has them; in real time some may be missing.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct TickRow<'a> {
-    /// The tick they belong to.
-    pub(crate) tick: u64,
-    /// Those that have come.
-    pub(crate) messages: ByTopic<Lent<'a>>,
-    /// The events noted at it.
-    pub(crate) events: &'a [Event],
-}
-
-impl<'a> std::ops::Deref for TickRow<'a> {
-    type Target = ByTopic<Lent<'a>>;
-
-    fn deref(&self) -> &ByTopic<Lent<'a>> {
-        &self.messages
-    }
-}
-
-impl<'a> TickRow<'a> {
-    /// These messages of a tick.
-    #[cfg(test)]
-    pub(crate) fn new(tick: u64, messages: ByTopic<Lent<'a>>) -> Self {
-        Self {
-            tick,
-            messages,
-            events: &[],
-        }
-    }
-
-    /// Joint positions, rad: the simulator's, else the estimator's.
-    pub(crate) fn q(&self) -> Option<&'a [f64; MAX_DOF]> {
-        let estimated = || self.messages.estimate.map(|estimate| &estimate.q);
-        self.plant_state.map(|state| &state.q).or_else(estimated)
-    }
-
-    /// Joint velocities, rad/s: the simulator's, else the estimator's.
-    fn qdot(&self) -> Option<&'a [f64; MAX_DOF]> {
-        let estimated = || self.messages.estimate.map(|estimate| &estimate.qdot);
-        self.plant_state.map(|state| &state.qdot).or_else(estimated)
-    }
-
-    /// The singularities reported.
-    pub(crate) fn singularities(&self) -> &'a [SingularityState] {
-        self.singularity.map_or(&[], SingularityReport::listed)
-    }
-
-    /// Stamps of as many hops as the data has passed.
-    fn stamps(&self) -> Option<&'a Stamps> {
-        let last = self.torque.map(|m| &m.header);
-        let last = last.or(self.singularity.map(|m| &m.header));
-        let last = last.or(self.estimate.map(|m| &m.header));
-        let last = last.or(self.sensor.map(|m| &m.header));
-        last.map(|header| &header.stamps)
-    }
-}
+use crate::entity;
+use crate::facts::{Facts, range};
+use crate::run::Tick;
+use crate::story::Named;
 
 /// How a signal is kept.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, PartialEq)]
 pub(crate) enum Kept {
     /// At the control rate, with 64 bits.
     F64,
@@ -89,6 +35,17 @@ pub(crate) enum Kept {
     Drawn,
     /// Not at all: only in tables and reports.
     Table,
+}
+
+impl Kept {
+    /// The entity that records it.
+    pub(crate) fn entity(self) -> Option<&'static str> {
+        match self {
+            Slow | Drawn => Some(entity::DRAWN),
+            Table => None,
+            _ => Some(entity::SIGNALS),
+        }
+    }
 }
 
 /// The least value of a [`Kept::Log`]; in the signal's unit.
@@ -119,7 +76,7 @@ pub(crate) fn short(value: f64) -> f32 {
 }
 
 /// The elements of a row of a signal.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(PartialEq)]
 pub(crate) enum Elements {
     One,
     /// One of each joint: metres for rad where it slides.
@@ -154,106 +111,117 @@ pub(crate) struct Quantity {
 }
 
 /// A tick, with what its numbers are computed from.
-#[derive(Clone, Copy)]
-pub(crate) struct Now<'a, 'm> {
-    pub(crate) row: &'a TickRow<'m>,
-    pub(crate) limits: &'a Limits,
-    pub(crate) hops: Option<ChainHops>,
-    /// Torques that carry the arm; N·m.
-    pub(crate) gravity: &'a [f64],
-    /// Singular values of the unit-scaled Jacobian.
-    pub(crate) sigma: Option<[f64; 6]>,
+pub(crate) struct Now<'a> {
+    pub(crate) row: &'a Tick,
+    pub(crate) facts: &'a Facts<'a>,
     pub(crate) is_faulty: bool,
 }
 
-impl<'a, 'm> Now<'a, 'm> {
-    pub(crate) fn new(row: &'a TickRow<'m>, limits: &'a Limits, hops: Option<ChainHops>) -> Self {
+impl<'a> Now<'a> {
+    /// Without a fault.
+    pub(crate) fn new(row: &'a Tick, facts: &'a Facts) -> Self {
         Self {
             row,
-            limits,
-            hops,
-            gravity: &[0.0; MAX_DOF],
-            sigma: None,
+            facts,
             is_faulty: false,
         }
     }
 
     /// Of as many as there are joints.
     fn joints<'v>(&self, values: &'v [f64]) -> impl Iterator<Item = f64> + use<'v> {
-        values[..self.limits.speed.len()].iter().copied()
+        values[..self.facts.joints()].iter().copied()
     }
 
     /// Joint positions between their limits.
-    fn in_range(&self) -> Option<impl Iterator<Item = f64> + use<'a, 'm>> {
-        let (q, limits) = (self.row.q()?, self.limits);
-        let ranges = limits.centre.iter().zip(&limits.half_range);
+    fn in_range(&self) -> Option<impl Iterator<Item = f64> + use<'a>> {
         Some(
-            q.iter()
-                .zip(ranges)
-                .map(|(q, (centre, half))| (q - centre) / half),
+            self.row
+                .q()?
+                .iter()
+                .zip(&self.facts.robot.joints)
+                .map(|(q, joint)| {
+                    let [middle, half] = range(joint);
+                    (q - middle) / half
+                }),
         )
     }
 
-    /// Over the limits, whatever they are.
-    fn ratios<'v>(
+    /// Over the joints' limits, whatever they are.
+    fn ratios(
         &self,
-        limits: &'v [f64],
-        values: &'v [f64],
-    ) -> impl Iterator<Item = f64> + use<'v> {
+        values: [f64; MAX_DOF],
+        limit: fn(&Joint) -> f64,
+    ) -> impl Iterator<Item = f64> + use<'a> {
         values
-            .iter()
-            .zip(limits)
-            .map(|(value, limit)| value / limit)
+            .into_iter()
+            .zip(&self.facts.robot.joints)
+            .map(move |(value, joint)| value / limit(joint))
     }
 
-    /// Over the limits, where each joint has one: all joints have one unit.
-    fn over(&self, limits: &'a [f64], values: impl Fn(usize) -> f64) -> impl Iterator<Item = f64> {
-        let is_limited = limits.iter().all(|limit| limit.is_finite());
-        (0..limits.len()).map(move |i| values(i) / if is_limited { limits[i] } else { 1.0 })
+    /// Over the joints' limits where each has one: all joints have one unit.
+    fn over(
+        &self,
+        values: [f64; MAX_DOF],
+        limit: fn(&Joint) -> f64,
+    ) -> impl Iterator<Item = f64> + use<'a> {
+        let is_limited = self.facts.is_limited(limit);
+        self.ratios(values, if is_limited { limit } else { |_| 1.0 })
+    }
+
+    /// Torques that carry the arm; N·m.
+    fn gravity(&self) -> SVector<f64, MAX_DOF> {
+        let of = |q: &[f64; MAX_DOF]| self.facts.arm.gravity(&SVector::from(*q));
+        self.row.q().map(of).unwrap_or_default()
     }
 
     /// A number of each singularity, where there is a report.
     fn each<T>(
         &self,
-        value: fn(&'m SingularityState) -> T,
-    ) -> Option<impl Iterator<Item = T> + use<'m, T>> {
+        value: fn(&'a SingularityState) -> T,
+    ) -> Option<impl Iterator<Item = T> + use<'a, T>> {
         let all = self.row.singularities();
-        self.row.singularity.map(|_| all.iter().map(value))
+        let is_reported = self.row.singularity.is_some();
+        is_reported.then(|| all.iter().map(value))
     }
 
     /// A number of each singularity in the command.
     fn command(
         &self,
-        values: fn(&'m ControlState) -> &'m [f64],
-    ) -> Option<impl Iterator<Item = f64> + use<'m>> {
+        values: fn(&'a ControlState) -> &'a [f64],
+    ) -> Option<impl Iterator<Item = f64> + use<'a>> {
         let count = self.row.singularities().len();
-        let command = self.row.control_state;
+        let command = self.row.control_state.as_ref();
         command.map(|m| values(m)[..count].iter().copied())
     }
 
-    /// The force that the present segment asks for, or the target.
-    fn force(&self) -> Option<Pressed> {
-        if let Some(message) = self.row.target {
-            let force = Vector3::from(message.target.force);
-            return Some(Pressed {
-                newtons: force.norm(),
-                axis: force.try_normalize(0.0)?,
-                is_of_tool: message.target.force_frame == FRAME_HAND,
-            });
-        }
-        let command = self.row.control_state?;
-        *self.limits.forces.get(command.segment as usize)?
-    }
-
-    /// That force along its axis, [set-point, true contact]; N.
+    /// The force that the present segment asks for, or the target, along its axis, [set-point, true contact]; N.
     pub(crate) fn pressed(&self) -> Option<[f64; 2]> {
-        let (m, force) = (self.row.plant_state?, self.force()?);
-        let e = match force.is_of_tool {
-            true => Matrix3::from_column_slice(&m.R_BE) * force.axis,
-            false => force.axis,
+        let m = self.row.plant_state?;
+        let (newtons, axis, is_of_tool) = match self.row.target {
+            Some(message) => {
+                let force = Vector3::from(message.target.force);
+                let is_of_tool = message.target.force_frame == FRAME_HAND;
+                (force.norm(), force.try_normalize(0.0)?, is_of_tool)
+            }
+            None => {
+                let force = self
+                    .facts
+                    .job
+                    .scenario
+                    .segment
+                    .get(self.row.control_state?.segment as usize)?
+                    .force
+                    .as_ref()?;
+                let (axis, is_of_tool) = force.direction()?;
+                (force.newtons, axis.into(), is_of_tool)
+            }
         };
-        let contact = -e.dot(&Vector3::from(m.contact_force_n));
-        Some([force.newtons, contact])
+        let e = if is_of_tool {
+            Matrix3::from_column_slice(&m.R_BE) * axis
+        } else {
+            axis
+        };
+        Some([newtons, -e.dot(&Vector3::from(m.contact_force_n))])
     }
 
     /// The norms of an error orthogonal to the singular directions that the arm is inside of, and along them; base axes.
@@ -276,24 +244,25 @@ impl<'a, 'm> Now<'a, 'm> {
 
 /// The values of a tick, or of the message that a column is of.
 macro_rules! taken {
-    (|$t:ident| $take:expr) => {
+    ($t:ident $m:ident [] $take:expr) => {
         |$t, out| {
             if let Some(values) = $take {
                 out.extend(values)
             }
         }
     };
-    ($source:ident |$t:ident, $m:ident| $take:expr) => {
+    ($t:ident $m:ident [$source:ident] $take:expr) => {
         |$t, out| {
-            if let Some($m) = $t.row.$source {
+            if let Some($m) = &$t.row.$source {
                 out.extend($take)
             }
         }
     };
 }
 
+/// The list, computed from a tick, or from its message of a topic.
 macro_rules! signals {
-    ($( $(#[doc = $doc:literal])* $name:ident $text:literal $unit:literal $kept:expr, $elements:expr, $($source:ident)? |$t:ident $(, $m:ident)?| $take:expr; )*) => {
+    (|$t:ident, $m:ident| $( $(#[doc = $doc:literal])* $name:ident $text:literal $unit:literal $kept:expr, $elements:expr, $(in $source:ident:)? $take:expr; )*) => {
         /// The columns of a recording and of its exports. Each row of a column is a list: one number per joint, per singularity, per hop, or as stated.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub enum Signal { $( $(#[doc = $doc])* $name ),* }
@@ -309,7 +278,7 @@ macro_rules! signals {
             kept: $kept,
             elements: $elements,
             about: concat!($($doc),*),
-            take: taken!($($source)? |$t $(, $m)?| $take),
+            take: taken!($t $m [$($source)?] $take),
         } ),* ];
     };
 }
@@ -317,127 +286,127 @@ macro_rules! signals {
 use Elements::{Directions, Hops, Joints, One, Quaternion, Sigmas, Singularities};
 use Kept::{Drawn, F32, F64, Log, Short, Slow, Table};
 
-signals! {
+signals! { |t, m|
     /// Joint positions; rad.
-    Position "joint:q" "rad" F64, Joints, |t| t.row.q().map(|q| t.joints(q));
+    Position "joint:q" "rad" F64, Joints, t.row.q().map(|q| t.joints(q));
     /// Joint positions between their limits: −1 lower, 1 upper; q/π for a joint without limits
-    PositionInRange "joint:q_in_range" "1" Table, Joints, |t| t.in_range();
+    PositionInRange "joint:q_in_range" "1" Table, Joints, t.in_range();
     /// Joint velocities; rad/s.
-    Speed "joint:qdot" "rad/s" F32, Joints, |t| t.row.qdot().map(|qdot| t.joints(qdot));
+    Speed "joint:qdot" "rad/s" F32, Joints, t.row.qdot().map(|qdot| t.joints(qdot));
     /// Joint velocities over their limits
-    SpeedRatio "joint:qdot_ratio" "1" Table, Joints, |t| t.row.qdot().map(|qdot| t.ratios(&t.limits.speed, qdot));
+    SpeedRatio "joint:qdot_ratio" "1" Table, Joints, t.row.qdot().map(|qdot| t.ratios(*qdot, |joint| joint.velocity));
     /// Torques that act at the end-effector, J_rᵀF_r and compensation; N·m.
-    TorqueTask "torque:task" "N*m" F32, Joints, control_state |t, m| t.joints(&m.tau_task);
+    TorqueTask "torque:task" "N*m" F32, Joints, in control_state: t.joints(&m.tau_task);
     /// Torques that act in the null space, N_T Γ₀; N·m.
-    TorqueNull "torque:null" "N*m" F32, Joints, control_state |t, m| t.joints(&m.tau_null);
+    TorqueNull "torque:null" "N*m" F32, Joints, in control_state: t.joints(&m.tau_null);
     /// Torques that act at the end-effector over the joints' limits
-    TorqueTaskRatio "torque:task_ratio" "1" Table, Joints, control_state |t, m| t.ratios(&t.limits.torque, &m.tau_task);
+    TorqueTaskRatio "torque:task_ratio" "1" Table, Joints, in control_state: t.ratios(m.tau_task, |joint| joint.effort);
     /// Torques that act in the null space over the joints' limits
-    TorqueNullRatio "torque:null_ratio" "1" Table, Joints, control_state |t, m| t.ratios(&t.limits.torque, &m.tau_null);
+    TorqueNullRatio "torque:null_ratio" "1" Table, Joints, in control_state: t.ratios(m.tau_null, |joint| joint.effort);
     /// s_i(q) of each singularity; dimensionless.
-    Measure "singularity:s" "1" F32, Singularities, |t| t.each(|one| one.s);
+    Measure "singularity:s" "1" F32, Singularities, t.each(|one| one.s);
     /// Auxiliary coordinate of each singularity; rad.
-    Auxiliary "singularity:aux" "rad" F32, Singularities, |t| t.each(|one| one.aux);
+    Auxiliary "singularity:aux" "rad" F32, Singularities, t.each(|one| one.aux);
     /// Reference of the auxiliary coordinate; rad.
-    AuxiliaryReference "singularity:aux_d" "rad" Slow, Singularities, |t| t.command(|m| &m.aux_d);
+    AuxiliaryReference "singularity:aux_d" "rad" Slow, Singularities, t.command(|m| &m.aux_d);
     /// β_i of each singularity: 1 full operational control, 0 null-space control.
-    Beta "singularity:beta" "1" Slow, Singularities, |t| t.command(|m| &m.beta);
+    Beta "singularity:beta" "1" Slow, Singularities, t.command(|m| &m.beta);
     /// Singular values of the unit-scaled Jacobian in the estimated posture.
-    SingularValues "jacobian:sigma" "1" Slow, Sigmas, |t| t.sigma.map(|sigma| sigma.into_iter().take(t.limits.speed.len()));
+    SingularValues "jacobian:sigma" "1" Slow, Sigmas, t.facts.singular_values(t.row).map(|sigma| sigma.into_iter().take(t.facts.joints()));
     /// True position error [orthogonal to, along] the singular directions the arm is inside of; mm.
-    PositionError "error:position_mm" "mm" Short, PARTS, |t| t.error(0).map(|e| e.map(|m| 1e3 * m));
+    PositionError "error:position_mm" "mm" Short, PARTS, t.error(0).map(|e| e.map(|m| 1e3 * m));
     /// True orientation error [orthogonal to, along] the singular directions the arm is inside of; degrees.
-    OrientationError "error:orientation_deg" "deg" Short, PARTS, |t| t.error(1).map(|e| e.map(f64::to_degrees));
+    OrientationError "error:orientation_deg" "deg" Short, PARTS, t.error(1).map(|e| e.map(f64::to_degrees));
     /// [time scale, task scale, null scale]: what governor and limits let through, 0 to 1.
-    Scale "control:scale" "1" Slow, SCALES, control_state |t, m| [m.time_scale, m.task_scale, m.null_scale];
+    Scale "control:scale" "1" Slow, SCALES, in control_state: [m.time_scale, m.task_scale, m.null_scale];
     /// Contact force on the arm; N.
-    Contact "world:contact_force_n" "N" F32, One, plant_state |t, m| [Vector3::from(m.contact_force_n).norm()];
+    Contact "world:contact_force_n" "N" F32, One, in plant_state: [Vector3::from(m.contact_force_n).norm()];
     /// Time of each hop and of the whole chain, in the order of [`hop_names`]; µs.
-    Latency "latency:us" "us" Log("latency:log10_us"), Hops, |t| hops_us(t.row.stamps(), t.hops);
+    Latency "latency:us" "us" Log("latency:log10_us"), Hops, hops_us(t.row.headers().into_iter().flatten().next_back().map(|last| &last.stamps), t.facts.hops);
 
     /// log₁₀(|s_i| / η_i): below 0 inside the neighbourhood.
-    Nearness "drawn:nearness" "1" Drawn, Singularities, |t| t.each(|one| (one.s.abs() / one.eta_in.max(1e-9)).max(1e-9).log10().max(NEAREST));
+    Nearness "drawn:nearness" "1" Drawn, Singularities, t.each(|one| (one.s.abs() / one.eta_in.max(1e-9)).max(1e-9).log10().max(NEAREST));
     /// log₁₀ of the position error; mm.
-    DrawnPositionError "drawn:position_error_log10" "1" Drawn, PARTS, |t| t.error(0).map(|e| e.map(|m| (1e3 * m).max(FAINTEST).log10()));
+    DrawnPositionError "drawn:position_error_log10" "1" Drawn, PARTS, t.error(0).map(|e| e.map(|m| (1e3 * m).max(FAINTEST).log10()));
     /// log₁₀ of the orientation error; degrees.
-    DrawnOrientationError "drawn:orientation_error_log10" "1" Drawn, PARTS, |t| t.error(1).map(|e| e.map(|w| w.to_degrees().max(FAINTEST).log10()));
+    DrawnOrientationError "drawn:orientation_error_log10" "1" Drawn, PARTS, t.error(1).map(|e| e.map(|w| w.to_degrees().max(FAINTEST).log10()));
     /// Joint positions between their limits.
-    DrawnPosition "drawn:q_in_range" "1" Drawn, Joints, |t| t.in_range();
+    DrawnPosition "drawn:q_in_range" "1" Drawn, Joints, t.in_range();
     /// Joint velocities over their limits; rad/s where a joint has none.
-    DrawnSpeed "drawn:qdot_ratio" "1" Drawn, Joints, |t| t.row.qdot().map(|qdot| t.over(&t.limits.speed, move |i| qdot[i]));
+    DrawnSpeed "drawn:qdot_ratio" "1" Drawn, Joints, t.row.qdot().map(|qdot| t.over(*qdot, |joint| joint.velocity));
     /// Torques that act at the end-effector, without gravity's, over the limits; N·m where a joint has none.
-    DrawnHand "drawn:torque_hand" "1" Drawn, Joints, control_state |t, m| t.over(&t.limits.torque, move |i| m.tau_task[i] - t.gravity[i]);
+    DrawnHand "drawn:torque_hand" "1" Drawn, Joints, in control_state: t.over((SVector::from(m.tau_task) - t.gravity()).into(), |joint| joint.effort);
     /// Torques that carry the arm's weight; the same.
-    DrawnGravity "drawn:torque_gravity" "1" Drawn, Joints, control_state |t, _m| t.over(&t.limits.torque, move |i| t.gravity[i]);
+    DrawnGravity "drawn:torque_gravity" "1" Drawn, Joints, t.row.control_state.map(|_| t.over(t.gravity().into(), |joint| joint.effort));
     /// Torques in the null space; the same.
-    DrawnNull "drawn:torque_null" "1" Drawn, Joints, control_state |t, m| t.over(&t.limits.torque, move |i| m.tau_null[i]);
+    DrawnNull "drawn:torque_null" "1" Drawn, Joints, in control_state: t.over(m.tau_null, |joint| joint.effort);
     /// 0 while a fault is in force, nothing else: a bar in the plots of a run with planned faults.
-    Fault "drawn:fault" "1" Drawn, One, |t| t.is_faulty.then_some([0.0]);
+    Fault "drawn:fault" "1" Drawn, One, t.is_faulty.then_some([0.0]);
 
     /// Joint positions as the encoders read them
-    Encoder "joint:q_encoder" "rad" Table, Joints, sensor |t, m| t.joints(&m.q_encoder);
+    Encoder "joint:q_encoder" "rad" Table, Joints, in sensor: t.joints(&m.q_encoder);
     /// Estimated joint positions
-    Estimate "joint:q_estimate" "rad" Table, Joints, estimate |t, m| t.joints(&m.q);
+    Estimate "joint:q_estimate" "rad" Table, Joints, in estimate: t.joints(&m.q);
     /// Estimated joint velocities
-    SpeedEstimate "joint:qdot_estimate" "rad/s" Table, Joints, estimate |t, m| t.joints(&m.qdot);
+    SpeedEstimate "joint:qdot_estimate" "rad/s" Table, Joints, in estimate: t.joints(&m.qdot);
     /// Torques that the controller commands
-    Commanded "torque:commanded" "N*m" Table, Joints, torque |t, m| t.joints(&m.tau);
+    Commanded "torque:commanded" "N*m" Table, Joints, in torque: t.joints(&m.tau);
     /// Torques that the drives applied over the tick before
-    Applied "torque:applied" "N*m" Table, Joints, plant_state |t, m| t.joints(&m.tau);
+    Applied "torque:applied" "N*m" Table, Joints, in plant_state: t.joints(&m.tau);
     /// Torques over the tick before as the drives report them
-    Reported "torque:drive" "N*m" Table, Joints, sensor |t, m| t.joints(&m.tau_drive);
+    Reported "torque:drive" "N*m" Table, Joints, in sensor: t.joints(&m.tau_drive);
     /// Torques that the model does not explain, as they act on the joints
-    Disturbance "torque:disturbance" "N*m" Table, Joints, estimate |t, m| t.joints(&m.tau_disturbance);
+    Disturbance "torque:disturbance" "N*m" Table, Joints, in estimate: t.joints(&m.tau_disturbance);
     /// True position of the end-effector; base axes
-    Hand "hand:position" "m" Table, XYZ, plant_state |t, m| m.p_BE;
+    Hand "hand:position" "m" Table, XYZ, in plant_state: m.p_BE;
     /// True rotation of the end-effector in the base frame, a unit quaternion of continuous sign
-    HandRotation "hand:orientation" "1" Table, Quaternion, plant_state |t, m| quaternion(&m.R_BE);
+    HandRotation "hand:orientation" "1" Table, Quaternion, in plant_state: quaternion(&m.R_BE);
     /// True velocity of the end-effector; base axes
-    HandVelocity "hand:velocity" "m/s" Table, XYZ, plant_state |t, m| halves(&m.V_BE)[0];
+    HandVelocity "hand:velocity" "m/s" Table, XYZ, in plant_state: halves(&m.V_BE)[0];
     /// True angular velocity of the end-effector; base axes
-    HandTurn "hand:angular_velocity" "rad/s" Table, XYZ, plant_state |t, m| halves(&m.V_BE)[1];
+    HandTurn "hand:angular_velocity" "rad/s" Table, XYZ, in plant_state: halves(&m.V_BE)[1];
     /// Desired position of the end-effector; base axes
-    Desired "desired:position" "m" Table, XYZ, control_state |t, m| m.p_BE_d;
+    Desired "desired:position" "m" Table, XYZ, in control_state: m.p_BE_d;
     /// Desired rotation of the end-effector in the base frame, a unit quaternion of continuous sign
-    DesiredRotation "desired:orientation" "1" Table, Quaternion, control_state |t, m| quaternion(&m.R_BE_d);
+    DesiredRotation "desired:orientation" "1" Table, Quaternion, in control_state: quaternion(&m.R_BE_d);
     /// Desired velocity of the end-effector; base axes
-    DesiredVelocity "desired:velocity" "m/s" Table, XYZ, control_state |t, m| halves(&m.V_BE_d)[0];
+    DesiredVelocity "desired:velocity" "m/s" Table, XYZ, in control_state: halves(&m.V_BE_d)[0];
     /// Desired angular velocity of the end-effector; base axes
-    DesiredTurn "desired:angular_velocity" "rad/s" Table, XYZ, control_state |t, m| halves(&m.V_BE_d)[1];
+    DesiredTurn "desired:angular_velocity" "rad/s" Table, XYZ, in control_state: halves(&m.V_BE_d)[1];
     /// Sum of the contact forces on the arm; base axes
-    ContactForce "world:contact_force_vector" "N" Table, XYZ, plant_state |t, m| m.contact_force_n;
+    ContactForce "world:contact_force_vector" "N" Table, XYZ, in plant_state: m.contact_force_n;
     /// Force of the surroundings on the hand as the wrist's sensor measures it; base axes
-    Felt "force:measured" "N" Table, XYZ, wrist_force |t, m| m.force_n;
+    Felt "force:measured" "N" Table, XYZ, in wrist_force: m.force_n;
     /// Their moment about the end-effector; base axes
-    Twisted "force:moment" "N·m" Table, XYZ, wrist_force |t, m| m.torque_nm;
+    Twisted "force:moment" "N·m" Table, XYZ, in wrist_force: m.torque_nm;
     /// Force of the segment along its axis: set-point, and true contact
-    Pressed "force:along_axis" "N" Table, PRESSED, |t| t.pressed();
+    Pressed "force:along_axis" "N" Table, PRESSED, t.pressed();
     /// 1 inside the neighbourhood of the singularity, else 0
-    Inside "singularity:inside" "1" Table, Singularities, |t| t.each(|one| f64::from(one.inside));
+    Inside "singularity:inside" "1" Table, Singularities, t.each(|one| f64::from(one.inside));
     /// Singular direction at the wrist centre: a unit vector, a translation (v) or a rotation (w); base axes
-    Zeta "singularity:zeta" "1" Table, Directions, |t| t.each(|one| one.zeta_B).map(Iterator::flatten);
+    Zeta "singularity:zeta" "1" Table, Directions, t.each(|one| one.zeta_B).map(Iterator::flatten);
     /// Position of the end-effector that the target asks for; of a twist that of the reference; base axes
-    Asked "servo:position" "m" Table, XYZ, servo_state |t, m| m.p_target;
+    Asked "servo:position" "m" Table, XYZ, in servo_state: m.p_target;
     /// Velocity that the target asks for, before any limit; base axes
-    AskedVelocity "servo:velocity" "m/s" Table, XYZ, servo_state |t, m| halves(&m.V_target)[0];
+    AskedVelocity "servo:velocity" "m/s" Table, XYZ, in servo_state: halves(&m.V_target)[0];
     /// Angular velocity that the target asks for, before any limit; base axes
-    AskedTurn "servo:angular_velocity" "rad/s" Table, XYZ, servo_state |t, m| halves(&m.V_target)[1];
+    AskedTurn "servo:angular_velocity" "rad/s" Table, XYZ, in servo_state: halves(&m.V_target)[1];
     /// Twist of the reference over the one asked for
-    SpeedShare "servo:speed_share" "1" Table, One, servo_state |t, m| [m.speed_scale];
+    SpeedShare "servo:speed_share" "1" Table, One, in servo_state: [m.speed_scale];
     /// Distance that reach and limits have taken away since the target began
-    Behind "servo:behind" "m" Table, One, servo_state |t, m| [m.behind_m];
+    Behind "servo:behind" "m" Table, One, in servo_state: [m.behind_m];
     /// Age of the target
-    Age "servo:age" "s" Table, One, servo_state |t, m| [m.age_s];
+    Age "servo:age" "s" Table, One, in servo_state: [m.age_s];
     /// Why the arm follows so and not faster: a code of REASONS (shared-types/src/codes.rs)
-    Reason "servo:reason" "1" Table, One, servo_state |t, m| [f64::from(m.reason)];
+    Reason "servo:reason" "1" Table, One, in servo_state: [f64::from(m.reason)];
     /// The joint in the reason, from 1; negative at its lower limit; 0 for none
-    Joint "servo:joint" "1" Table, One, servo_state |t, m| [f64::from(m.joint) * if m.upper > 0 || m.joint == 0 { 1.0 } else { -1.0 }];
+    Joint "servo:joint" "1" Table, One, in servo_state: [f64::from(m.joint) * if m.upper > 0 || m.joint == 0 { 1.0 } else { -1.0 }];
     /// The nearest singularity, from 1 in the order of the report; 0 for none
-    Nearest "servo:singularity" "1" Table, One, servo_state |t, m| [f64::from(m.singularity)];
+    Nearest "servo:singularity" "1" Table, One, in servo_state: [f64::from(m.singularity)];
     /// Its |s| over its outer bound: below 1 the law acts on it
-    NearestMeasure "servo:nearest" "1" Table, One, servo_state |t, m| [m.nearest];
+    NearestMeasure "servo:nearest" "1" Table, One, in servo_state: [m.nearest];
     /// Targets refused since the start of the run
-    Refused "servo:refused" "1" Table, One, servo_state |t, m| [f64::from(m.refused)];
+    Refused "servo:refused" "1" Table, One, in servo_state: [f64::from(m.refused)];
 }
 
 /// `[x, y, z, w]` of a rotation matrix, column-major.
@@ -476,28 +445,21 @@ impl Signal {
         }
     }
 
-    /// Those in a recording, but for what is only drawn.
-    pub(crate) fn recorded() -> impl Iterator<Item = Self> {
-        let all = Self::ALL.iter().copied();
-        all.filter(|signal| !matches!(signal.of().kept, Drawn | Table))
-    }
-
-    /// The names of the elements of a row of this signal, where there are so many joints and singularities of these names; one unnamed element
-    /// is a plain number.
-    #[must_use]
-    pub fn elements(self, joints: usize, singularities: &[String]) -> Vec<String> {
+    /// The names of the elements of a row of this signal, where there are so many joints, and these singularities; one unnamed element is a
+    /// plain number.
+    pub(crate) fn elements(self, joints: usize, singularities: &[Named]) -> Vec<String> {
         let named = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect();
-        let parts = |name: &String| {
-            ["vx", "vy", "vz", "wx", "wy", "wz"].map(|part| format!("{name}.{part}"))
+        let parts = |one: &Named| {
+            ["vx", "vy", "vz", "wx", "wy", "wz"].map(|part| format!("{}.{part}", one.name))
         };
         match self.of().elements {
             One => named(&[""]),
             Joints => (1..=joints).map(|i| i.to_string()).collect(),
             Sigmas => (1..=joints.min(6)).map(|i| i.to_string()).collect(),
-            Singularities => singularities.to_vec(),
+            Singularities => singularities.iter().map(|one| one.name.clone()).collect(),
             Directions => singularities.iter().flat_map(parts).collect(),
             Quaternion => named(&["x", "y", "z", "w"]),
-            Hops => hop_names().to_vec(),
+            Hops => hop_names().into(),
             Elements::Named(names) => named(names),
         }
     }
@@ -531,122 +493,43 @@ pub(crate) fn chain_hops(graph: &Graph) -> Option<ChainHops> {
 }
 
 /// Times of the hops, µs; `None` where the data has not passed them all or clocks ran backwards.
-fn hops_us(stamps: Option<&Stamps>, hops: Option<ChainHops>) -> Option<[f64; HOPS]> {
-    let (stamps, hops) = (stamps?, hops?);
-    let received = hops.map(|hop| stamps.received_ns[hop]);
-    let sent = hops.map(|hop| stamps.sent_ns[hop]);
+fn hops_us(stamps: Option<&Stamps>, hops: Option<ChainHops>) -> Option<Vec<f64>> {
+    let (stamps, [first, rest @ ..]) = (stamps?, hops?);
+    let mut passed = vec![stamps.sent_ns[first]];
+    passed.extend(
+        rest.iter()
+            .flat_map(|hop| [stamps.received_ns[*hop], stamps.sent_ns[*hop]]),
+    );
     let span = |from: u64, to: u64| Some(to.checked_sub(from).filter(|_| from > 0)? as f64 * 1e-3);
-    let mut times = [0.0; HOPS];
-    for (part, time) in times.iter_mut().enumerate() {
-        *time = match (part / 2, part % 2) {
-            (link, _) if link + 1 == CHAIN.len() => span(sent[0], sent[link])?,
-            (link, 0) => span(sent[link], received[link + 1])?,
-            (link, _) => span(received[link + 1], sent[link + 1])?,
-        };
-    }
-    Some(times)
-}
-
-/// A force that a segment or a target asks for.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Pressed {
-    /// Set-point, N.
-    newtons: f64,
-    /// A unit vector, in the hand's axes or the base's.
-    axis: Vector3<f64>,
-    is_of_tool: bool,
-}
-
-/// The constants of a run that its numbers need: limits that make ratios of joint quantities, and forces.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Limits {
-    /// By segment; empty of a run that presses on nothing. A steered run has one place, for its targets.
-    pub(crate) forces: Vec<Option<Pressed>>,
-    pub(crate) centre: Vec<f64>,
-    pub(crate) half_range: Vec<f64>,
-    pub(crate) speed: Vec<f64>,
-    pub(crate) torque: Vec<f64>,
-}
-
-impl Limits {
-    pub(crate) fn new(robot: &Robot) -> Self {
-        let of = |value: fn(&model::Joint) -> f64| robot.joints.iter().map(value).collect();
-        let has_range = |joint: &model::Joint| (joint.upper - joint.lower).is_finite();
-        let (centre, half_range) = robot
-            .joints
-            .iter()
-            .map(|joint| match has_range(joint) {
-                true => (
-                    0.5 * (joint.lower + joint.upper),
-                    0.5 * (joint.upper - joint.lower),
-                ),
-                false => (0.0, std::f64::consts::PI),
-            })
-            .unzip();
-        Self {
-            forces: Vec::new(),
-            centre,
-            half_range,
-            speed: of(|joint| joint.velocity),
-            torque: of(|joint| joint.effort),
-        }
-    }
-
-    /// The same, and the forces of a scenario.
-    pub(crate) fn with_forces(self, scenario: &Scenario) -> Self {
-        let pressed = |force: &Force| {
-            let (axis, is_of_tool) = force.direction()?;
-            Some(Pressed {
-                newtons: force.newtons,
-                axis: axis.into(),
-                is_of_tool,
-            })
-        };
-        let segments = scenario.segment.iter().filter(|_| scenario.presses());
-        let forces = segments.map(|one| one.force.as_ref().and_then(pressed));
-        let steered = scenario.servo.iter().filter(|_| scenario.presses());
-        Self {
-            forces: forces.chain(steered.map(|_| None)).collect(),
-            ..self
-        }
-    }
-
-    /// Each list with the name under which a recording has it.
-    pub(crate) fn named(&self) -> [(&'static str, &Vec<f64>); 4] {
-        [
-            ("joint:qdot_limit", &self.speed),
-            ("joint:torque_limit", &self.torque),
-            ("joint:q_centre", &self.centre),
-            ("joint:q_half_range", &self.half_range),
-        ]
-    }
+    let parts = passed.windows(2).map(|pair| span(pair[0], pair[1]));
+    parts.chain([span(passed[0], passed[HOPS - 1])]).collect()
 }
 
 /// Norms of what is left of `e` orthogonal to the directions, and of what was taken along them (Gram–Schmidt).
 fn split(e: Vector3<f64>, directions: impl Iterator<Item = Vector3<f64>>) -> [f64; 2] {
-    let mut basis = [Vector3::zeros(); 3];
-    let mut taken = 0;
+    let mut basis: Vec<Vector3<f64>> = Vec::new();
     let along = |basis: &[Vector3<f64>], v: &Vector3<f64>| {
-        basis
-            .iter()
-            .fold(Vector3::zeros(), |sum, b| sum + b * b.dot(v))
+        basis.iter().map(|b| b * b.dot(v)).sum::<Vector3<f64>>()
     };
     for direction in directions {
-        let rest = direction - along(&basis[..taken], &direction);
-        if taken < 3 && rest.norm() > 1e-6 {
-            basis[taken] = rest.normalize();
-            taken += 1;
+        let rest = direction - along(&basis, &direction);
+        if rest.norm() > 1e-6 {
+            basis.push(rest.normalize());
         }
     }
-    let along = along(&basis[..taken], &e);
+    let along = along(&basis, &e);
     [(e - along).norm(), along.norm()]
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::recording::tests::job;
+    use crate::run::Happened;
+    use crate::story::Story;
     use proptest::prelude::*;
     use shared_types::PlantState;
+    use shared_types::scenario::Force;
 
     proptest! {
         /// The two parts of an error are orthogonal, and an error along ζ has no other part.
@@ -675,8 +558,11 @@ mod tests {
             count: 2,
             ..Default::default()
         };
-        let lost = report.singularities.iter_mut();
-        for (one, (s, angular, axis)) in lost.zip([(0.1, 0, 0), (0.0, 1, 5)]) {
+        for (one, (s, angular, axis)) in report
+            .singularities
+            .iter_mut()
+            .zip([(0.1, 0, 0), (0.0, 1, 5)])
+        {
             (one.s, one.eta_in, one.inside, one.angular) = (s, 0.1, 1, angular);
             one.zeta_B[axis] = 1.0;
         }
@@ -685,13 +571,13 @@ mod tests {
 
     #[test]
     fn each_number_is_the_messages_own() {
-        let robot = Robot::builtin("puma560").expect("built in");
-        let mut limits = Limits::new(&robot);
-        limits.forces = vec![Some(Pressed {
+        let (mut job, robot) = job("fig5-wrist-rotation");
+        job.scenario.segment.first_mut().expect("a segment").force = Some(Force {
+            axis: "tool -z".to_owned(),
             newtons: 10.0,
-            axis: -Vector3::z(),
-            is_of_tool: true,
-        })];
+            ..Force::on(1e4)
+        });
+        let facts = Facts::new(&job, &robot, Happened::default(), false).expect("six joints");
         let mut state = PlantState {
             contact_force_n: [3.0, 0.0, 9.0],
             R_BE: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
@@ -700,30 +586,27 @@ mod tests {
         for (i, joint) in robot.joints.iter().enumerate() {
             (state.q[i], state.qdot[i]) = (joint.upper, joint.velocity);
         }
-        let report = along_x_and_about_z();
         let (sin, cos) = 0.02f64.sin_cos();
         let command = ControlState {
             p_BE_d: [0.003, 0.0, 0.004],
             R_BE_d: [cos, sin, 0.0, -sin, cos, 0.0, 0.0, 0.0, 1.0],
             ..ControlState::default()
         };
-        let messages = ByTopic {
-            plant_state: Some(&state),
-            singularity: Some(&report),
-            control_state: Some(&command),
-            ..ByTopic::default()
-        };
-        let take = |row: &TickRow, signal: Signal| {
+        let mut row = Tick::default();
+        (row.messages.plant_state, row.messages.control_state) = (Some(state), Some(command));
+        row.messages.singularity = Some(along_x_and_about_z());
+        let take = |row: &Tick, signal: Signal| {
             let mut values = Vec::new();
-            (signal.of().take)(&Now::new(row, &limits, None), &mut values);
+            (signal.of().take)(&Now::new(row, &facts), &mut values);
             values
         };
-        let row = TickRow::new(0, messages);
         for (signal, expected) in [
             (Signal::PositionError, &[4.0, 3.0][..]),
             (Signal::OrientationError, &[0.0, 0.02f64.to_degrees()]),
             (Signal::Nearness, &[0.0, NEAREST]),
             (Signal::Pressed, &[10.0, 9.0]),
+            (Signal::PositionInRange, &[1.0; 6]),
+            (Signal::SpeedRatio, &[1.0; 6]),
             (Signal::DrawnPosition, &[1.0; 6]),
             (Signal::DrawnSpeed, &[1.0; 6]),
         ] {
@@ -735,18 +618,16 @@ mod tests {
                 "{signal:?}: {found:?}"
             );
         }
-        for signal in [Signal::PositionInRange, Signal::SpeedRatio] {
-            assert!((take(&row, signal)[4] - 1.0).abs() < 1e-12);
-        }
         // As many values as a signal has elements, or none where its message is missing.
-        let names = ["elbow", "wrist"].map(str::to_owned);
+        let mut story = Story::new(&facts);
+        story.push(&row, &mut |_, _| ());
         for signal in Signal::ALL {
             let count = take(&row, *signal).len();
             assert!(
-                [0, signal.elements(6, &names).len()].contains(&count),
+                [0, signal.elements(6, &story.named).len()].contains(&count),
                 "{signal:?}"
             );
-            assert!(take(&TickRow::default(), *signal).is_empty());
+            assert!(take(&Tick::default(), *signal).is_empty());
         }
     }
 
@@ -759,7 +640,8 @@ mod tests {
             due_ns: 0,
         };
         let hops = |stamps: &Stamps| hops_us(Some(stamps), Some([0, 1, 3, 2]));
-        assert_eq!(hops(&stamps), Some([1.0, 2.0, 1.0, 3.0, 1.0, 3.5, 11.5]));
+        let expected = [1.0, 2.0, 1.0, 3.0, 1.0, 3.5, 11.5];
+        assert_eq!(hops(&stamps), Some(expected.to_vec()));
         // Data that has not passed every hop has no latency.
         stamps.sent_ns[2] = 0;
         assert_eq!(hops(&stamps), None);

@@ -19,6 +19,8 @@ use rerun::{
     StoreId, TimeCell, TimePoint,
 };
 
+use crate::facts::Facts;
+
 /// Why a recording could not be made; nothing of it is left.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
@@ -58,53 +60,46 @@ pub(crate) struct RrdFile {
 
 impl RrdFile {
     pub(crate) fn create(path: &Path) -> Result<Self, RecordError> {
-        let failed = |source| RecordError::Write {
-            path: path.to_owned(),
-            source,
-        };
-        let (draft, file) = Draft::create(path).map_err(failed)?;
-        let options = EncodingOptions::PROTOBUF_COMPRESSED;
-        let encoder = Encoder::new_eager(CrateVersion::LOCAL, options, BufWriter::new(file));
-        let path = path.to_owned();
-        match encoder {
-            Ok(encoder) => Ok(Self {
+        let create = || {
+            let (draft, file) = Draft::create(path)?;
+            let options = EncodingOptions::PROTOBUF_COMPRESSED;
+            let file = BufWriter::new(file);
+            let encoder = Encoder::new_eager(CrateVersion::LOCAL, options, file)?;
+            let path = path.to_owned();
+            Ok(Self {
                 path,
                 draft,
                 encoder,
-            }),
-            Err(error) => Err(encoded(&path, error)),
-        }
+            })
+        };
+        create().map_err(failed(path))
     }
 
     pub(crate) fn append(&mut self, messages: &[LogMsg]) -> Result<(), RecordError> {
-        let appended = messages
-            .iter()
-            .try_for_each(|one| self.encoder.append(one).map(drop));
-        appended.map_err(|error| encoded(&self.path, error))
+        for one in messages {
+            self.encoder.append(one).map_err(failed(&self.path))?;
+        }
+        Ok(())
     }
 
     /// Ends it with its table of contents, and puts it into its place.
     pub(crate) fn finish(mut self) -> Result<(), RecordError> {
-        let ended = self
-            .encoder
-            .finish()
-            .and_then(|()| self.encoder.into_inner());
-        let mut file = ended.map_err(|error| encoded(&self.path, error))?;
-        let placed = file.flush().and_then(|()| self.draft.place());
-        placed.map_err(|source| RecordError::Write {
-            path: self.path,
-            source,
-        })
+        let end = || {
+            self.encoder.finish()?;
+            self.encoder.into_inner()?.flush()?;
+            Ok(self.draft.place()?)
+        };
+        end().map_err(failed(&self.path))
     }
 }
 
-fn encoded(path: &Path, error: EncodeError) -> RecordError {
-    match error {
+fn failed(path: &Path) -> impl FnOnce(EncodeError) -> RecordError {
+    |error| match error {
         EncodeError::Write(source) => RecordError::Write {
             path: path.to_owned(),
             source,
         },
-        defect => RecordError::Rerun(defect.to_string()),
+        error => defect(error),
     }
 }
 
@@ -120,29 +115,29 @@ pub(crate) struct Sink {
 
 impl Sink {
     /// Into a file.
-    pub(crate) fn file(path: &Path, store: &StoreId, rate_hz: u32) -> Result<Self, RecordError> {
+    pub(crate) fn file(path: &Path, facts: &Facts) -> Result<Self, RecordError> {
         let file = RrdFile::create(path)?;
-        let (stream, storage) = builder(store).memory().map_err(rerun)?;
-        Ok(Self::of(stream, Some((storage, file)), rate_hz))
+        let (stream, storage) = builder(facts).memory().map_err(defect)?;
+        Ok(Self::of(stream, Some((storage, file)), facts))
     }
 
     /// To a viewer that listens at a URL, by Rerun's own sink; nobody waits for it.
-    pub(crate) fn viewer(url: &str, store: &StoreId, rate_hz: u32) -> Result<Self, RecordError> {
-        let stream = builder(store).connect_grpc_opts(url).map_err(rerun)?;
-        Ok(Self::of(stream, None, rate_hz))
+    pub(crate) fn viewer(url: &str, facts: &Facts) -> Result<Self, RecordError> {
+        let stream = builder(facts).connect_grpc_opts(url).map_err(defect)?;
+        Ok(Self::of(stream, None, facts))
     }
 
     fn of(
         stream: RecordingStream,
         file: Option<(MemorySinkStorage, RrdFile)>,
-        rate_hz: u32,
+        facts: &Facts,
     ) -> Self {
         stream.set_log_tick_enabled(false);
         stream.set_log_time_enabled(false);
         Self {
             stream,
             file,
-            rate_hz: rate_hz.max(1),
+            rate_hz: facts.rate_hz,
             defect: RefCell::default(),
         }
     }
@@ -183,25 +178,18 @@ impl Sink {
     }
 
     /// Adds a blueprint, which shall be shown. All that has been logged before comes before it.
-    pub(crate) fn send_blueprint(&self, blueprint: Result<(Vec<LogMsg>, StoreId), RecordError>) {
+    pub(crate) fn send_blueprint(&self, messages: Vec<LogMsg>, store: &StoreId) {
         if self.file.is_some() {
             self.done(self.stream.flush_blocking());
         }
-        match blueprint {
-            Ok((messages, store)) => self.stream.send_blueprint(messages, activation(&store)),
-            Err(error) => self.keep(error),
-        }
+        self.stream.send_blueprint(messages, activation(store));
     }
 
     /// Keeps the first thing that could not be logged, for the next [`flush`](Self::flush).
     fn done<E: std::fmt::Display>(&self, done: Result<(), E>) {
         if let Err(error) = done {
-            self.keep(rerun(error));
+            self.defect.borrow_mut().get_or_insert(defect(error));
         }
-    }
-
-    fn keep(&self, error: RecordError) {
-        self.defect.borrow_mut().get_or_insert(error);
     }
 
     /// Writes what has been logged.
@@ -218,26 +206,25 @@ impl Sink {
         self.flush()?;
         match self.file {
             Some((_, file)) => file.finish(),
-            None => self.stream.flush_with_timeout(PATIENCE).map_err(rerun),
+            None => self.stream.flush_with_timeout(PATIENCE).map_err(defect),
         }
     }
 }
 
-fn rerun(error: impl std::fmt::Display) -> RecordError {
+/// A failure of Rerun's.
+pub(crate) fn defect(error: impl std::fmt::Display) -> RecordError {
     RecordError::Rerun(error.to_string())
 }
 
-fn builder(store: &StoreId) -> RecordingStreamBuilder {
-    RecordingStreamBuilder::from_store_id(store)
+fn builder(facts: &Facts) -> RecordingStreamBuilder {
+    RecordingStreamBuilder::from_store_id(&facts.store())
         .enabled(true)
         .send_properties(false)
-        .store_source(source())
+        // For the viewer.
+        .store_source(StoreSource::Other(
+            concat!("armplane ", env!("CARGO_PKG_VERSION")).into(),
+        ))
         .batcher_config(ChunkBatcherConfig::NEVER)
-}
-
-/// The origin of the stores, for the viewer.
-pub(crate) fn source() -> StoreSource {
-    StoreSource::Other(concat!("armplane ", env!("CARGO_PKG_VERSION")).into())
 }
 
 /// Shows a blueprint that is whole.

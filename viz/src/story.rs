@@ -1,27 +1,36 @@
 //! The course of a run, as it changes: the lanes of the state timeline and the lines of the log. PURE.
 
-use shared_types::Message;
 use shared_types::codes::{DRIVES, MODES, PHASES, name_of, singularity_name};
 use shared_types::event::{Event, Level};
 use shared_types::fault::Kind;
-use shared_types::graph::Graph;
-use shared_types::job::Job;
 use shared_types::summary::FaultSummary;
 use shared_types::topics::CHAIN;
+use shared_types::{Message, PlantState};
 
 use crate::entity;
-use crate::narration::{NO_FAULT, capital};
-use crate::run::Happened;
-use crate::signals::TickRow;
+use crate::facts::Facts;
+use crate::narration::{NO_FAULT, capital, named_colour};
+use crate::pose::Rgba;
+use crate::run::Tick;
 
 /// A message that is missing for so many ticks is late, not absent.
 const PATIENCE: u64 = 3;
 /// How long a process counts as restarted; s.
 const FRESH_S: f64 = 0.5;
 
+/// A singularity of the arm.
+#[derive(Clone)]
+pub(crate) struct Named {
+    pub(crate) name: String,
+    pub(crate) kind: u32,
+    pub(crate) colour: Rgba,
+    pub(crate) colour_name: &'static str,
+}
+
 /// The subject of a lane of the state timeline.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy)]
 enum What {
+    Fault,
     /// The writer of a topic of [`CHAIN`], by its place there; the recorder behind them.
     Process(usize),
     Drive,
@@ -30,28 +39,26 @@ enum What {
     Mode(usize),
 }
 
-/// A lane but that of the faults. The viewer names it by its path and orders lanes by it: it is as short as can be, with a number in front where
-/// lanes have an order.
+/// A lane. The viewer names it by its path and orders lanes by it: it is as short as can be, with a number in front where lanes have an order.
 struct Lane {
     what: What,
     name: String,
     path: String,
-    state: &'static str,
+    state: String,
 }
 
 impl Lane {
-    fn new(what: What, name: String, path: String) -> Self {
+    fn new(what: What, name: impl Into<String>, path: impl Into<String>) -> Self {
         Self {
             what,
-            name,
-            path,
-            state: "",
+            name: name.into(),
+            path: path.into(),
+            state: String::new(),
         }
     }
 }
 
 /// A piece of news.
-#[derive(Debug)]
 pub(crate) enum News<'a> {
     /// A lane of the state timeline changes.
     State {
@@ -59,15 +66,12 @@ pub(crate) enum News<'a> {
         name: &'a str,
         /// Its place in a recording.
         path: &'a str,
-        /// The singularity of a lane of modes.
-        of: Option<usize>,
         state: &'a str,
     },
     Line(&'a Event),
 }
 
 /// A fault: in force from `tick` until `until`, in words for its lane and for the headline.
-#[derive(Clone, Debug)]
 pub(crate) struct Fault {
     process: String,
     tick: u64,
@@ -86,9 +90,10 @@ impl Fault {
         // A process that is gone has recovered when it sends again; a fault of messages, sensors or drives ends with its ticks.
         let is_down = plan.is_none_or(|plan| plan.kind.takes_down());
         let recovered = fault.recovered_ms.map(|ms| ticks(1e-3 * ms));
-        let length = match is_down {
-            true => recovered.map(|ticks| planned.unwrap_or(ticks)),
-            false => planned.or(plan.map(|plan| ticks(plan.kind.usual_length_s()))),
+        let length = if is_down {
+            recovered.map(|ticks| planned.unwrap_or(ticks))
+        } else {
+            planned.or(plan.map(|plan| ticks(plan.kind.usual_length_s())))
         };
         let until = length.map_or(u64::MAX, |length| fault.tick.saturating_add(length.max(1)));
         fault.occurred.then(|| Self {
@@ -126,54 +131,49 @@ fn words(fault: &FaultSummary) -> (String, String) {
     (format!("{} {}{way}", fault.process, plan.kind), headline)
 }
 
+/// The messages of a process so far.
+#[derive(Default)]
+struct Life {
+    /// For how many ticks its message has been missing.
+    missing: u64,
+    incarnation: u32,
+    /// Until when it counts as restarted.
+    fresh_until: u64,
+}
+
 /// A run's story so far.
 pub(crate) struct Story {
     lanes: Vec<Lane>,
     pub(crate) faults: Vec<Fault>,
-    /// Names of the singularities, in the report's order; none before the first report.
-    pub(crate) names: Vec<String>,
+    /// The singularities, in the report's order; none before the first report.
+    pub(crate) named: Vec<Named>,
     fresh: u64,
-    /// The words of the lane of faults.
-    fault: Option<String>,
-    /// For how many ticks each writer's message has been missing, its incarnation, and until when it counts as restarted.
-    missing: [u64; CHAIN.len()],
-    incarnations: [u32; CHAIN.len()],
-    fresh_until: [u64; CHAIN.len()],
+    /// By the place in [`CHAIN`] of the topic that it writes.
+    lives: [Life; CHAIN.len()],
 }
 
 impl Story {
-    pub(crate) fn new(job: &Job, happened: &Happened) -> Self {
-        let rate_hz = job.scenario.rate_hz.max(1);
-        let faults = happened.faults.iter();
-        let faults = faults.filter_map(|fault| Fault::of(fault, rate_hz));
-        Self::of(
-            &job.graph,
-            faults.collect(),
-            (FRESH_S * f64::from(rate_hz)) as u64,
-        )
-    }
-
-    fn of(graph: &Graph, mut faults: Vec<Fault>, fresh: u64) -> Self {
+    pub(crate) fn new(facts: &Facts) -> Self {
+        let mut faults: Vec<Fault> = facts
+            .happened
+            .faults
+            .iter()
+            .filter_map(|fault| Fault::of(fault, facts.rate_hz))
+            .collect();
         faults.sort_by_key(|fault| fault.tick);
-        let lives = entity::lives(graph).into_iter().map(|life| {
-            let path = entity::life(&life);
-            Lane::new(What::Process(life.0), format!("process/{}", life.1), path)
-        });
-        let others = [
-            (What::Drive, "drive", entity::DRIVE),
-            (What::Phase, "phase", entity::PHASE),
-        ];
-        let others =
-            others.map(|(what, name, path)| Lane::new(what, name.to_owned(), path.to_owned()));
+        let mut lanes = vec![Lane::new(What::Fault, "fault", entity::FAULT)];
+        for life in entity::lives(&facts.job.graph) {
+            let (path, what) = (entity::life(&life), What::Process(life.0));
+            lanes.push(Lane::new(what, format!("process/{}", life.1), path));
+        }
+        lanes.push(Lane::new(What::Drive, "drive", entity::DRIVE));
+        lanes.push(Lane::new(What::Phase, "phase", entity::PHASE));
         Self {
-            lanes: lives.chain(others).collect(),
+            lanes,
             faults,
-            names: Vec::new(),
-            fresh,
-            fault: None,
-            missing: [0; _],
-            incarnations: [0; _],
-            fresh_until: [0; _],
+            named: Vec::new(),
+            fresh: (FRESH_S * f64::from(facts.rate_hz)) as u64,
+            lives: Default::default(),
         }
     }
 
@@ -184,72 +184,57 @@ impl Story {
     }
 
     /// Takes a tick in, and tells what is new in it.
-    pub(crate) fn push(&mut self, row: &TickRow, tell: &mut dyn FnMut(u64, News)) {
-        if self.names.is_empty() {
+    pub(crate) fn push(&mut self, row: &Tick, tell: &mut dyn FnMut(u64, News)) {
+        if self.named.is_empty() {
             for (i, one) in row.singularities().iter().enumerate() {
                 let name = singularity_name(one.kind, i).to_owned();
-                let path = format!("/{name}");
-                self.lanes
-                    .push(Lane::new(What::Mode(i), format!("mode/{name}"), path));
-                self.names.push(name);
+                let (mode, path) = (format!("mode/{name}"), format!("/{name}"));
+                self.lanes.push(Lane::new(What::Mode(i), mode, path));
+                let (colour_name, colour) = named_colour(one.kind, i);
+                self.named.push(Named {
+                    name,
+                    kind: one.kind,
+                    colour,
+                    colour_name,
+                });
             }
         }
-        for event in row.events {
+        for event in &row.events {
             tell(event.tick, News::Line(event));
-        }
-        let fault = self.fault(row.tick);
-        let fault = fault.map_or(NO_FAULT.0, |fault| fault.lane.as_str());
-        if self.fault.as_deref() != Some(fault) {
-            let state = fault;
-            let (name, path, of) = ("fault", entity::FAULT, None);
-            let news = News::State {
-                name,
-                path,
-                of,
-                state,
-            };
-            tell(row.tick, news);
-            self.fault = Some(fault.to_owned());
         }
         for k in 0..self.lanes.len() {
             let state = self.state(k, row, tell);
-            if state.is_empty() || state == self.lanes[k].state {
+            let lane = &mut self.lanes[k];
+            if state.is_empty() || state == lane.state {
                 continue;
             }
-            let before = std::mem::replace(&mut self.lanes[k].state, state);
-            let Lane {
-                what, name, path, ..
-            } = &self.lanes[k];
-            let of = match what {
-                What::Mode(i) => Some(*i),
-                _ => None,
-            };
+            let before = std::mem::replace(&mut lane.state, state);
             let news = News::State {
-                name,
-                path,
-                of,
-                state,
+                name: &lane.name,
+                path: &lane.path,
+                state: &lane.state,
             };
             tell(row.tick, news);
-            if let (Some(i), false) = (of, before.is_empty()) {
-                let text = format!("{}: {before} → {state}", self.names[i]);
+            if let (What::Mode(i), false) = (lane.what, before.is_empty()) {
+                let text = format!("{}: {before} → {}", self.named[i].name, lane.state);
                 tell_line(row.tick, Level::Info, text, tell);
             }
         }
     }
 
     /// The text of a lane; none if it is not known.
-    fn state(&mut self, k: usize, row: &TickRow, tell: &mut dyn FnMut(u64, News)) -> &'static str {
-        let (torque, sensor) = (row.torque, row.sensor);
-        match self.lanes[k].what {
+    fn state(&mut self, k: usize, row: &Tick, tell: &mut dyn FnMut(u64, News)) -> String {
+        let state = match self.lanes[k].what {
+            What::Fault => self
+                .fault(row.tick)
+                .map_or(NO_FAULT.0, |fault| fault.lane.as_str()),
             What::Process(place) if place == CHAIN.len() => self.recorder(k, row.tick),
             What::Process(place) => self.life(k, place, row, tell),
-            What::Drive => sensor.map_or("", |sensor| name_of(DRIVES, sensor.drive)),
-            What::Phase => torque.map_or("", |torque| name_of(PHASES, torque.phase)),
-            What::Mode(i) => row
-                .control_state
-                .map_or("", |state| name_of(MODES, state.mode[i])),
-        }
+            What::Drive => row.sensor.map_or("", |m| name_of(DRIVES, m.drive)),
+            What::Phase => row.torque.map_or("", |m| name_of(PHASES, m.phase)),
+            What::Mode(i) => row.control_state.map_or("", |m| name_of(MODES, m.mode[i])),
+        };
+        state.to_owned()
     }
 
     /// The name of the process of a lane.
@@ -259,11 +244,8 @@ impl Story {
 
     /// The recorder sends nothing: its faults tell.
     fn recorder(&self, k: usize, tick: u64) -> &'static str {
-        let own = self
-            .faults
-            .iter()
-            .filter(|fault| fault.process == self.process(k));
-        match own.rev().find(|fault| fault.tick <= tick) {
+        let mut begun = self.faults.iter().rev().filter(|fault| fault.tick <= tick);
+        match begun.find(|fault| fault.process == self.process(k)) {
             Some(fault) if tick < fault.until => "silent",
             Some(fault) if tick < fault.until.saturating_add(self.fresh) => "restarted",
             _ => "up",
@@ -275,42 +257,33 @@ impl Story {
         &mut self,
         k: usize,
         i: usize,
-        row: &TickRow,
+        row: &Tick,
         tell: &mut dyn FnMut(u64, News),
     ) -> &'static str {
-        let header = match i {
-            0 => row
-                .sensor
-                .map(Message::header)
-                .or(row.plant_state.map(Message::header)),
-            1 => row.estimate.map(Message::header),
-            2 => row.singularity.map(Message::header),
-            _ => row.torque.map(Message::header),
-        };
-        let has_input = match i {
-            0 => true,
-            1 => row.sensor.is_some(),
-            2 => row.estimate.is_some(),
-            _ => row.estimate.is_some() && row.singularity.is_some(),
-        };
+        let headers = row.headers();
+        let [sensor, estimate, report, _] = headers.map(|header| header.is_some());
+        let plant = row.plant_state.as_ref().map(PlantState::header);
+        let header = headers[i].or(plant.filter(|_| i == 0));
+        let life = &mut self.lives[i];
         let Some(incarnation) = header.map(|header| header.incarnation) else {
-            self.missing[i] += 1;
+            life.missing += 1;
+            let has_input = [true, sensor, estimate, estimate && report][i];
             return match has_input {
-                _ if self.missing[i] < PATIENCE && !self.lanes[k].state.is_empty() => "",
+                _ if life.missing < PATIENCE && !self.lanes[k].state.is_empty() => "",
                 true => "silent",
                 false => "waiting",
             };
         };
-        self.missing[i] = 0;
-        let before = self.incarnations[i];
-        self.incarnations[i] = before.max(incarnation);
+        life.missing = 0;
+        let before = life.incarnation;
+        life.incarnation = before.max(incarnation);
         if before > 0 && incarnation > before {
+            life.fresh_until = row.tick + self.fresh;
             let name = self.process(k);
             let text = format!("{name} is back as incarnation {incarnation}");
             tell_line(row.tick, Level::Warning, text, tell);
-            self.fresh_until[i] = row.tick + self.fresh;
         }
-        if row.tick < self.fresh_until[i] {
+        if row.tick < self.lives[i].fresh_until {
             "restarted"
         } else {
             "up"
@@ -331,37 +304,35 @@ fn tell_line(tick: u64, level: Level, text: String, tell: &mut dyn FnMut(u64, Ne
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_types::topics::ByTopic;
+    use crate::recording::tests::job;
+    use crate::run::Happened;
     use shared_types::{SensorSample, SingularityReport, StateEstimate, TorqueCommand};
 
     /// A writer whose input is missing waits, one that has it is silent; both after a few ticks.
     #[test]
     fn missing_messages_are_told() {
-        let graph = Graph::built_in(false).expect("valid");
-        let mut story = Story::of(&graph, Vec::new(), 500);
-        let sensor = SensorSample::default();
-        let estimate = StateEstimate::default();
-        let (mut report, torque) = <(SingularityReport, TorqueCommand)>::default();
+        let (job, robot) = job("fig5-wrist-rotation");
+        let facts = Facts::new(&job, &robot, Happened::default(), false).expect("six joints");
+        let mut story = Story::new(&facts);
         let (mut states, mut lines) = (Vec::new(), Vec::new());
-        for tick in 0..100 {
-            report.header.incarnation = if tick < 60 { 1 } else { 2 };
-            let is_missing = (20..60).contains(&tick);
-            let messages = ByTopic {
-                sensor: Some(&sensor),
-                estimate: Some(&estimate),
-                singularity: Some(&report).filter(|_| !is_missing),
-                torque: Some(&torque).filter(|_| !is_missing),
-                ..ByTopic::default()
+        for number in 0..100 {
+            let is_missing = (20..60).contains(&number);
+            let mut tick = Tick {
+                tick: number,
+                ..Tick::default()
             };
-            story.push(
-                &TickRow::new(tick, messages),
-                &mut |tick, news| match news {
-                    News::State { name, state, .. } => {
-                        states.push((name.to_owned(), state.to_owned()))
-                    }
-                    News::Line(event) => lines.push((tick, event.level)),
-                },
-            );
+            tick.messages.sensor = Some(SensorSample::default());
+            tick.messages.estimate = Some(StateEstimate::default());
+            if !is_missing {
+                let mut report = SingularityReport::default();
+                report.header.incarnation = if number < 60 { 1 } else { 2 };
+                tick.messages.singularity = Some(report);
+                tick.messages.torque = Some(TorqueCommand::default());
+            }
+            story.push(&tick, &mut |tick, news| match news {
+                News::State { name, state, .. } => states.push((name.to_owned(), state.to_owned())),
+                News::Line(event) => lines.push((tick, event.level)),
+            });
         }
         for (process, expected) in [
             ("analyzer", &["up", "silent", "restarted"][..]),

@@ -1,15 +1,18 @@
 //! The lines and areas that a picture has besides the arm: marks of singularities, why the arm is singular, what ζ has swept, null-space motion. The viewer
 //! and the report draw the same ones. PURE.
 
-use glam::Vec3;
+use std::f32::consts::TAU;
+
+use glam::{Affine3, Vec3};
 use nalgebra::SVector;
 use shared_types::codes::KIND_NUMERIC;
 
 use crate::blueprint::JOINTS;
 use crate::facts::Facts;
-use crate::picture::{FEW, Named, Picture, Sign};
-use crate::pose::{Placement, Rgba};
-use crate::scene::{Presence, dashed, dependent_joints, most, reasons, turning};
+use crate::picture::{FEW, Picture, Sign};
+use crate::pose::Rgba;
+use crate::scene::{dashed, dependent_joints, most, reasons, turning};
+use crate::story::Named;
 use crate::tint::faded;
 
 /// Colour of a direction that is free again, of the second of two axes that become one, and of the rings at the edge of a neighbourhood.
@@ -19,7 +22,6 @@ const SECOND: Rgba = 0x9aa4b4ff;
 const PIECES: usize = 24;
 
 /// The frame in which strips are given.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Frame {
     Base,
     Link(usize),
@@ -28,35 +30,23 @@ pub(crate) enum Frame {
     Singular(usize),
 }
 
-/// Lines of one colour, or an area within one.
-#[derive(Clone, Debug)]
+/// Lines of one colour, or the area within one.
 pub(crate) struct Stroke {
     pub(crate) name: String,
     pub(crate) frame: Frame,
     pub(crate) strips: Vec<Vec<Vec3>>,
     pub(crate) colour: Rgba,
-    pub(crate) radius: f32,
-    pub(crate) is_area: bool,
+    /// None of an area.
+    pub(crate) radius: Option<f32>,
 }
 
 impl Stroke {
-    fn new(name: String, frame: Frame, strips: Vec<Vec<Vec3>>, colour: Rgba, radius: f32) -> Self {
-        Self {
-            name,
-            frame,
-            strips,
-            colour,
-            radius,
-            is_area: false,
-        }
-    }
-
     /// The place of its frame in a picture.
-    pub(crate) fn place(&self, picture: &Picture) -> Placement {
+    pub(crate) fn place(&self, picture: &Picture) -> Affine3 {
         match self.frame {
-            Frame::Base => Placement::IDENTITY,
+            Frame::Base => Affine3::IDENTITY,
             Frame::Link(i) => picture.links[i],
-            Frame::Centre(i) => Placement::at(picture.signs[i].mark.X_BS.p),
+            Frame::Centre(i) => Affine3::from_translation(picture.signs[i].mark.X_BS.translation),
             Frame::Singular(i) => picture.signs[i].mark.X_BS,
         }
     }
@@ -66,20 +56,23 @@ impl Stroke {
 pub(crate) fn strokes(facts: &Facts, all: &[Named], picture: &Picture, unit: f32) -> Vec<Stroke> {
     let mut out = Vec::new();
     for (i, (named, sign)) in all.iter().zip(&picture.signs).enumerate() {
-        if sign.mark.look.presence != Presence::Hidden {
+        if sign.mark.is_seen {
             why(facts, named, sign, picture, &mut out);
         }
         swept(facts, i, named, sign, unit, &mut out);
-        if sign.mark.look.presence != Presence::Hidden {
+        if sign.mark.is_seen {
             glyph(i, named, sign, unit, &mut out);
         }
     }
-    let fine = 0.003 * facts.body.reach;
     for (i, angle) in most(&picture.turned) {
         if let Some(Some(ring)) = facts.body.rings.get(i) {
-            let arc = turning(ring, &picture.links[i], angle as f32);
-            let name = format!("null_motion/turned{}", i + 1);
-            out.push(Stroke::new(name, Frame::Base, vec![arc], JOINTS[i], fine));
+            out.push(Stroke {
+                name: format!("null_motion/turned{}", i + 1),
+                frame: Frame::Base,
+                strips: vec![turning(ring, &picture.links[i], angle as f32)],
+                colour: JOINTS[i],
+                radius: Some(0.003 * facts.body.reach),
+            });
         }
     }
     out
@@ -89,23 +82,20 @@ pub(crate) fn strokes(facts: &Facts, all: &[Named], picture: &Picture, unit: f32
 fn why(facts: &Facts, named: &Named, sign: &Sign, picture: &Picture, out: &mut Vec<Stroke>) {
     let (joints, reach) = (facts.joints(), facts.body.reach);
     let dependent = match named.kind {
-        KIND_NUMERIC if joints <= 6 && sign.mark.is_inside() => {
+        KIND_NUMERIC if joints <= 6 && sign.mark.is_inside => {
             let J = facts.arm.jacobian(&SVector::from(picture.q));
             dependent_joints(&J, joints, f64::from(0.4 * reach))
         }
         _ => Vec::new(),
     };
     for (link, strips, is_second) in reasons(named.kind, &facts.body, &dependent) {
-        let colour = if is_second { SECOND } else { named.colour };
-        let strips = strips.into_iter().map(Vec::from).collect();
-        let name = format!("why_{}", named.name);
-        out.push(Stroke::new(
-            name,
-            Frame::Link(link),
+        out.push(Stroke {
+            name: format!("why_{}", named.name),
+            frame: Frame::Link(link),
             strips,
-            colour,
-            0.0025 * reach,
-        ));
+            colour: if is_second { SECOND } else { named.colour },
+            radius: Some(0.0025 * reach),
+        });
     }
 }
 
@@ -116,28 +106,21 @@ fn swept(facts: &Facts, i: usize, named: &Named, sign: &Sign, unit: f32, out: &m
     }
     let rim = sign.swept.iter().map(|zeta| *zeta * (0.95 * unit));
     let outline = std::iter::once(Vec3::ZERO).chain(rim).collect();
-    let name = |part| format!("zeta/{}/{part}", named.name);
     out.push(Stroke {
-        is_area: true,
-        ..Stroke::new(
-            name("sector"),
-            Frame::Centre(i),
-            vec![outline],
-            faded(named.colour, 90),
-            0.0,
-        )
+        name: format!("zeta/{}/sector", named.name),
+        frame: Frame::Centre(i),
+        strips: vec![outline],
+        colour: faded(named.colour, 90),
+        radius: None,
     });
     let end = sign.swept[0] * (1.15 * unit);
-    let colour = if sign.is_free { FREE } else { named.colour };
-    let dashes = dashed(-end, end, 15, 0);
-    let dashes = dashes.into_iter().map(Vec::from).collect();
-    out.push(Stroke::new(
-        name("entry"),
-        Frame::Centre(i),
-        dashes,
-        colour,
-        0.003 * facts.body.reach,
-    ));
+    out.push(Stroke {
+        name: format!("zeta/{}/entry", named.name),
+        frame: Frame::Centre(i),
+        strips: dashed(-end, end, 15, 0),
+        colour: if sign.is_free { FREE } else { named.colour },
+        radius: Some(0.003 * facts.body.reach),
+    });
 }
 
 /// A circle, or a part of it, across x at a place on it.
@@ -164,7 +147,7 @@ fn axis(is_angular: bool, size: f32) -> Vec<Vec<Vec3>> {
         for end in [Vec3::X * size, Vec3::X * -size] {
             let sides = [Vec3::Y, Vec3::Z].map(|side| side * (0.1 * size));
             strips.extend(sides.map(|side| barb(0.97 * end, -0.23 * end, side)));
-            strips.push(circle(end.x, 0.13 * size, std::f32::consts::TAU));
+            strips.push(circle(end.x, 0.13 * size, TAU));
         }
     }
     strips
@@ -175,29 +158,28 @@ fn glyph(i: usize, named: &Named, sign: &Sign, unit: f32, out: &mut Vec<Stroke>)
     let mark = &sign.mark;
     // In steps, so that it is not another one at each tick.
     let size = unit * (24.0 * mark.size).round() / 24.0;
-    let is_inside = mark.is_inside();
-    let (tint, rim) = match is_inside {
-        true => (named.colour, named.colour),
-        false => (faded(named.colour, 0x60), faded(SECOND, 0xb0)),
+    let is_inside = mark.is_inside;
+    let (tint, rim) = if is_inside {
+        (named.colour, named.colour)
+    } else {
+        (faded(named.colour, 0x60), faded(SECOND, 0xb0))
     };
-    let name = |part| format!("singularity/{}/{part}", named.name);
-    let frame = Frame::Singular(i);
     let edges = [-unit * mark.edge, unit * mark.edge];
-    let rings = edges.map(|x| circle(x, 0.19 * unit, std::f32::consts::TAU));
+    let rings = edges.map(|x| circle(x, 0.19 * unit, TAU));
     let axes = [Vec3::Y, Vec3::Z].map(|axis| vec![Vec3::ZERO, 0.5 * unit * axis]);
     for (part, strips, colour, radius) in [
         ("edge", rings.into(), rim, 0.01),
         ("axes", axes.into(), SECOND, 0.012),
-        ("glyph", axis(mark.look.angular, size), tint, 0.022),
+        ("glyph", axis(mark.is_angular, size), tint, 0.022),
     ] {
         if is_inside || part != "axes" {
-            out.push(Stroke::new(
-                name(part),
-                frame,
+            out.push(Stroke {
+                name: format!("singularity/{}/{part}", named.name),
+                frame: Frame::Singular(i),
                 strips,
                 colour,
-                radius * unit,
-            ));
+                radius: Some(radius * unit),
+            });
         }
     }
 }

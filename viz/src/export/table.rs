@@ -6,7 +6,6 @@
 use std::error::Error;
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use files::Draft;
 use parquet::arrow::ArrowWriter;
@@ -23,7 +22,6 @@ const GROUP: usize = 50_000;
 pub(super) struct Table {
     path: PathBuf,
     draft: Draft,
-    schema: SchemaRef,
     writer: Writer,
 }
 
@@ -33,44 +31,6 @@ enum Writer {
 }
 
 type Done<T> = Result<T, Box<dyn Error>>;
-
-impl Writer {
-    fn create(format: ExportFormat, file: File, schema: &SchemaRef) -> Done<Self> {
-        if format == ExportFormat::Csv {
-            let mut writer = csv::Writer::from_writer(file);
-            writer.write_record(schema.fields().iter().map(|field| field.name()))?;
-            return Ok(Self::Csv(Box::new(writer)));
-        }
-        let properties = WriterProperties::builder()
-            .set_compression(Compression::ZSTD(ZstdLevel::default()))
-            .set_created_by(format!("armplane {}", env!("CARGO_PKG_VERSION")))
-            .set_max_row_group_row_count(Some(GROUP));
-        let writer = ArrowWriter::try_new(file, Arc::clone(schema), Some(properties.build()))?;
-        Ok(Self::Parquet(Box::new(writer)))
-    }
-
-    fn write(&mut self, schema: &SchemaRef, columns: Vec<ArrayRef>) -> Done<()> {
-        match self {
-            Self::Csv(writer) => {
-                for row in 0..columns[0].len() {
-                    writer.write_record(columns.iter().map(|column| text(column, row)))?;
-                }
-            }
-            Self::Parquet(writer) => {
-                writer.write(&RecordBatch::try_new(Arc::clone(schema), columns)?)?;
-            }
-        }
-        Ok(())
-    }
-
-    fn finish(self) -> Done<()> {
-        match self {
-            Self::Csv(mut writer) => writer.flush()?,
-            Self::Parquet(writer) => drop(writer.close()?),
-        }
-        Ok(())
-    }
-}
 
 impl Table {
     pub(super) fn create(
@@ -84,29 +44,55 @@ impl Table {
             ExportFormat::Parquet => "parquet",
         };
         let path = out.join(name).with_extension(extension);
-        let begun = Draft::create(&path).map_err(Into::into);
-        let begun =
-            begun.and_then(|(draft, file)| Ok((draft, Writer::create(format, file, &schema)?)));
-        let (draft, writer) = begun.map_err(failed(&path))?;
+        let create = || -> Done<_> {
+            let (draft, file) = Draft::create(&path)?;
+            if format == ExportFormat::Csv {
+                let mut writer = csv::Writer::from_writer(file);
+                writer.write_record(schema.fields().iter().map(|field| field.name()))?;
+                return Ok((draft, Writer::Csv(Box::new(writer))));
+            }
+            let properties = WriterProperties::builder()
+                .set_compression(Compression::ZSTD(ZstdLevel::default()))
+                .set_created_by(format!("armplane {}", env!("CARGO_PKG_VERSION")))
+                .set_max_row_group_row_count(Some(GROUP));
+            let writer = ArrowWriter::try_new(file, schema, Some(properties.build()))?;
+            Ok((draft, Writer::Parquet(Box::new(writer))))
+        };
+        let (draft, writer) = create().map_err(failed(&path))?;
         Ok(Self {
             path,
             draft,
-            schema,
             writer,
         })
     }
 
-    /// Adds rows, column by column.
-    pub(super) fn write(&mut self, columns: Vec<ArrayRef>) -> Result<(), ExportError> {
-        let written = self.writer.write(&self.schema, columns);
-        written.map_err(failed(&self.path))
+    /// Adds rows.
+    pub(super) fn write(&mut self, batch: &RecordBatch) -> Result<(), ExportError> {
+        let mut write = || -> Done<()> {
+            match &mut self.writer {
+                Writer::Csv(writer) => {
+                    for row in 0..batch.num_rows() {
+                        let columns = batch.columns().iter();
+                        writer.write_record(columns.map(|column| text(column, row)))?;
+                    }
+                }
+                Writer::Parquet(writer) => writer.write(batch)?,
+            }
+            Ok(())
+        };
+        write().map_err(failed(&self.path))
     }
 
     /// Puts the file into its place.
     pub(super) fn finish(self) -> Result<PathBuf, ExportError> {
-        let written = self.writer.finish();
-        let placed = written.and_then(|()| Ok(self.draft.place()?));
-        placed.map_err(failed(&self.path))?;
+        let finish = || -> Done<()> {
+            match self.writer {
+                Writer::Csv(mut writer) => writer.flush()?,
+                Writer::Parquet(writer) => drop(writer.close()?),
+            }
+            Ok(self.draft.place()?)
+        };
+        finish().map_err(failed(&self.path))?;
         Ok(self.path)
     }
 }

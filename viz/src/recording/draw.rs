@@ -1,25 +1,23 @@
 //! The picture of a tick: arm, paths, ellipsoids, ghosts; and another law's arm, in a race.
 
-use glam::Vec3;
+use glam::{Affine3, Vec3};
 use nalgebra::SVector;
 use re_sdk_types::archetypes::{
-    Arrows3D, Boxes3D, Capsules3D, Cylinders3D, Ellipsoids3D, InstancePoses3D, LineStrips3D,
-    Mesh3D, TextDocument,
+    Arrows3D, Boxes3D, Capsules3D, Cylinders3D, Ellipsoids3D, InstancePoses3D, LineStrips3D, Mesh3D,
 };
 use re_sdk_types::components::{FillMode, Radius};
-use re_sdk_types::datatypes::Quaternion;
 use re_sdk_types::{AsComponents, SerializedComponentBatch};
-use shared_types::messages::SingularityState;
 
+use super::rows::quaternion;
 use super::{Recording, Track};
 use crate::blueprint::MAGNIFIED;
 use crate::body::{Form, Part};
 use crate::entity;
-use crate::manipulability::{Ellipsoid, Half};
+use crate::manipulability::Ellipsoid;
 use crate::picture::{Picture, nearness};
-use crate::pose::{Placement, Rgba, vec3};
-use crate::scene::{Presence, differs};
-use crate::signals::TickRow;
+use crate::pose::{Rgba, vec3};
+use crate::run::Tick;
+use crate::scene::differs;
 use crate::tint::faded;
 
 /// The hand's reachable speeds, and its accelerations under unit forces.
@@ -44,10 +42,6 @@ const INWARDS: f32 = 0.985;
 
 pub(super) fn array(places: impl IntoIterator<Item = Vec3>) -> Vec<[f32; 3]> {
     places.into_iter().map(|p| p.to_array()).collect()
-}
-
-fn turn(at: &Placement) -> Quaternion {
-    Quaternion::from_xyzw(at.rotation().to_array())
 }
 
 /// Lines of one colour and radius.
@@ -86,15 +80,22 @@ impl Recording<'_> {
     pub(super) fn write_arm(&mut self) {
         let body = &self.run.body;
         self.write_parts("/world/arm/base", body.of(None), None);
-        for i in 0..body.links {
+        for i in 0..self.run.joints() {
             self.write_parts(&entity::link(entity::LINK, i), body.of(Some(i)), None);
-            if self.run.rival.is_some() {
+            if self.run.happened.rival.is_some() {
                 let red = Some(0xff50468c);
                 self.write_parts(&entity::link(RIVAL, i), body.of(Some(i)), red);
             }
         }
-        let surfaces = self.run.job.scenario.plant.surface.iter();
-        let surfaces: Vec<_> = surfaces.map(|one| Part::surface(one, body.reach)).collect();
+        let surfaces: Vec<_> = self
+            .run
+            .job
+            .scenario
+            .plant
+            .surface
+            .iter()
+            .map(|one| Part::surface(one, body.reach))
+            .collect();
         self.write_parts("/world/surface", surfaces.iter(), None);
         let size = 0.11 * body.reach;
         let hand = arrows(axes(size), 0xe8ecf4ff, 0.03 * size);
@@ -105,82 +106,51 @@ impl Recording<'_> {
             (ABILITIES[0], 0x5aaaff3c, FillMode::Solid),
             (ABILITIES[1], 0x50c8b4ff, FillMode::MajorWireframe),
         ] {
-            let ball = Ellipsoids3D::from_radii([1.0]).with_colors([colour]);
-            let ball = ball.with_line_radii([Radius::new_ui_points(0.75)]);
+            let ball = Ellipsoids3D::from_radii([1.0])
+                .with_colors([colour])
+                .with_line_radii([Radius::new_ui_points(0.75)]);
             self.sink.log_static(path, &ball.with_fill_mode(mode));
         }
     }
 
-    /// Parts that stay in the frame of their link, each in its colour or all in one tint.
+    /// Parts that stay in the frame of their link, each in its colour or all in one tint and a little smaller.
     fn write_parts<'p>(
         &mut self,
         path: &str,
         parts: impl Iterator<Item = &'p Part>,
         tint: Option<Rgba>,
     ) {
+        let size = tint.map_or(1.0, |_| INWARDS);
         for (k, part) in parts.enumerate() {
-            self.write_part(None, format!("{path}/{k}"), part, &[part.at], tint);
-        }
-    }
-
-    /// A part at places, static or from a tick on: its shape, which may be large, is written once. If it has no place it gets a size that cannot be seen,
-    /// for without a place it would stand at the origin.
-    fn write_part(
-        &mut self,
-        tick: Option<u64>,
-        path: String,
-        part: &Part,
-        places: &[Placement],
-        tint: Option<Rgba>,
-    ) {
-        let (places, size) = match places {
-            [] if !self.shown.contains_key(&path) => return,
-            [] => (&[Placement::IDENTITY][..], 1e-6),
-            _ => (places, tint.map_or(1.0, |_| INWARDS)),
-        };
-        // A capsule of Rerun's begins at its origin.
-        let begin = match part.form {
-            Form::Capsule { length, .. } => Vec3::Z * (-0.5 * length * size),
-            _ => Vec3::ZERO,
-        };
-        let poses = InstancePoses3D::new()
-            .with_translations(places.iter().map(|at| at.of(begin).to_array()))
-            .with_quaternions(places.iter().map(turn))
-            .with_scales(vec![[size; 3]; places.len()]);
-        let colour = tint.unwrap_or(part.colour);
-        match tick {
-            None => {
-                self.sink.log_static(path.as_str(), &solid(part, colour));
-                self.sink.log_static(path, &poses);
-            }
-            Some(tick) => {
-                let shape = |_: &Self| solid(part, colour);
-                self.show(tick, path.clone(), Some(String::new()), shape);
-                self.sink.log(tick, path, &poses);
-            }
+            let path = format!("{path}/{k}");
+            let shape = solid(part, tint.unwrap_or(part.colour));
+            self.sink.log_static(path.as_str(), &shape);
+            self.sink.log_static(path, &poses(part, &[part.at], size));
         }
     }
 
     /// The picture of a tick.
-    pub(super) fn draw(&mut self, row: &TickRow, picture: &Picture) {
+    pub(super) fn draw(&mut self, row: &Tick, picture: &Picture) {
         let (tick, links, hand) = (row.tick, &picture.links, picture.hand);
         let joints = self.run.joints();
         for (i, link) in links[..joints].iter().enumerate() {
             self.place(entity::link(entity::LINK, i), tick, *link);
         }
-        self.place(entity::HAND.to_owned(), tick, hand);
-        self.place(entity::NEAR.to_owned(), tick, Placement::at(hand.p));
-        self.ways[2].push((tick, hand.p));
+        self.place(entity::HAND, tick, hand);
+        let near = Affine3::from_translation(hand.translation);
+        self.place(entity::NEAR, tick, near);
+        self.ways[2].push((tick, hand.translation));
         if let Some(desired) = picture.desired {
-            self.place(entity::TARGET.to_owned(), tick, desired);
-            self.ways[3].push((tick, desired.p));
+            self.place(entity::TARGET, tick, desired);
+            self.ways[3].push((tick, desired.translation));
             if self.run.stands_still {
-                self.ways[1].push((tick, desired.p + (hand.p - desired.p) * MAGNIFIED));
+                let off = hand.translation - desired.translation;
+                self.ways[1].push((tick, desired.translation + off * MAGNIFIED));
             }
         }
         // The way of the elbow of an arm whose joints can move while its hand stands still.
-        if joints > self.run.directions() {
-            self.ways[4].push((tick, links[joints / 2].p));
+        if joints > self.run.robot.task.count() {
+            self.ways[4].push((tick, links[joints / 2].translation));
         }
         self.draw_ghosts(picture);
         self.draw_marks(row, picture);
@@ -190,68 +160,74 @@ impl Recording<'_> {
         self.draw_rival(tick);
     }
 
-    /// Postures gone through in the present null-space motion, on both sides of a lock, where they differ from the present one.
+    /// Postures gone through in the present null-space motion, on both sides of a lock, where they differ from the present one. The shape of a part, which
+    /// may be large, is written once. If it has no place it gets a size that cannot be seen, for without a place it would stand at the origin.
     fn draw_ghosts(&mut self, picture: &Picture) {
         let key = format!("{:?}", picture.postures);
-        if self.shown.get(GHOST).map_or("[]", String::as_str) != key {
-            self.shown.insert(GHOST.to_owned(), key);
-            let postures = picture.postures.iter().map(|q| self.run.links(q));
-            let postures: Vec<_> = postures.collect();
-            for (k, part) in self.run.body.parts.iter().enumerate() {
-                let Some(link) = part.link else { continue };
-                let links = postures.iter().map(|links| &links[link]);
-                let links = links.filter(|ghost| differs(ghost, &picture.links[link]));
-                let places: Vec<_> = links.map(|ghost| ghost.then(&part.at)).collect();
-                let tint = Some(faded(PALE, 0x50));
-                self.write_part(
-                    Some(picture.tick),
-                    format!("{GHOST}/{k}"),
-                    part,
-                    &places,
-                    tint,
-                );
-            }
+        if self.shown.get(GHOST).map_or("[]", String::as_str) == key {
+            return;
+        }
+        self.shown.insert(GHOST.to_owned(), key);
+        let postures: Vec<_> = picture.postures.iter().map(|q| self.run.links(q)).collect();
+        for (k, part) in self.run.body.parts.iter().enumerate() {
+            let (Some(link), path) = (part.link, format!("{GHOST}/{k}")) else {
+                continue;
+            };
+            let links = postures.iter().map(|links| &links[link]);
+            let places: Vec<_> = links
+                .filter(|ghost| differs(ghost, &picture.links[link]))
+                .map(|ghost| *ghost * part.at)
+                .collect();
+            let poses = match places[..] {
+                [] if !self.shown.contains_key(&path) => continue,
+                [] => poses(part, &[Affine3::IDENTITY], 1e-6),
+                _ => poses(part, &places, INWARDS),
+            };
+            let shape = || solid(part, faded(PALE, 0x50));
+            self.show(picture.tick, path.clone(), String::new(), shape);
+            self.sink.log(picture.tick, path, &poses);
         }
     }
 
     /// The hand's mobility, at C, in the half of the twist that the nearest singularity is of.
-    fn draw_abilities(&mut self, row: &TickRow, picture: &Picture) {
+    fn draw_abilities(&mut self, row: &Tick, picture: &Picture) {
         let Some(report) = row.singularity else {
             return;
         };
-        let near = row.singularities().iter().zip(&picture.signs);
-        let near = near.filter(|(_, sign)| sign.mark.look.presence != Presence::Hidden);
-        let by = |a: &SingularityState, b: &SingularityState| nearness(a).total_cmp(&nearness(b));
-        let half = match near.min_by(|a, b| by(a.0, b.0)) {
-            Some((one, _)) if one.angular == 1 => Half::Angular,
-            _ => Half::Linear,
-        };
+        let is_angular = row
+            .singularities()
+            .iter()
+            .zip(&picture.signs)
+            .filter(|(_, sign)| sign.mark.is_seen)
+            .min_by(|a, b| nearness(a.0).total_cmp(&nearness(b.0)))
+            .is_some_and(|(one, _)| one.angular == 1);
         let q = SVector::from(picture.q);
-        let J = self.run.jacobian(&q, report.p_BC);
+        let (J, arm) = (self.run.jacobian(&q, report.p_BC), &self.run.arm);
         let shapes = [
-            Some(Ellipsoid::velocity(&J, self.run.arm.velocity(), half)),
-            Ellipsoid::mobility(&J, &self.run.arm.mass_matrix(&q), half),
+            Some(Ellipsoid::velocity(&J, arm.velocity(), is_angular)),
+            Ellipsoid::mobility(&J, &arm.mass_matrix(&q), is_angular),
         ];
         for (path, shape) in ABILITIES.into_iter().zip(shapes) {
             if let Some(Ellipsoid { axes, half_axes }) = shape {
                 // Flat, but not so flat that it has no sides.
                 let size = half_axes.max(Vec3::splat(0.012)) * 0.62 * self.run.mark_size();
-                let track = self.track(path.to_owned(), row.tick);
-                let (R, p) = (axes, vec3(&report.p_BC.into()));
-                track.places.push(Placement { R, p });
+                let track = self.track(path, row.tick);
+                let centre = vec3(&report.p_BC.into());
+                let place = Affine3::from_mat3_translation(axes, centre);
+                track.places.push(place);
                 track.sizes.push(size.to_array());
             }
         }
     }
 
     /// A row of a track of what is drawn.
-    fn track(&mut self, path: String, tick: u64) -> &mut Track {
-        let track = self.tracks.entry(path).or_default();
+    fn track(&mut self, path: impl Into<String>, tick: u64) -> &mut Track {
+        let track = self.tracks.entry(path.into()).or_default();
         track.ticks.push(tick);
         track
     }
 
-    pub(super) fn place(&mut self, path: String, tick: u64, at: Placement) {
+    pub(super) fn place(&mut self, path: impl Into<String>, tick: u64, at: Affine3) {
         self.track(path, tick).places.push(at);
     }
 
@@ -277,7 +253,9 @@ impl Recording<'_> {
 
     /// The pose of the other law's arm, and Markdown that compares both so far. The words replace those about singularities.
     fn draw_rival(&mut self, tick: u64) {
-        let Some(rival) = self.run.rival else { return };
+        let Some(rival) = self.run.happened.rival else {
+            return;
+        };
         // A rival that is done stays where it is.
         let place = (tick / rival.every.max(1)) as usize;
         let Some(q) = rival.postures.get(place).or(rival.postures.last()) else {
@@ -287,12 +265,25 @@ impl Recording<'_> {
         for (i, link) in links[..self.run.joints()].iter().enumerate() {
             self.place(entity::link(RIVAL, i), tick, *link);
         }
-        self.ways[0].push((tick, self.run.hand(q).p));
+        self.ways[0].push((tick, self.run.hand(q).translation));
         if let Some(words) = rival.words.get(place).or(rival.words.last()) {
-            let document = |_: &Self| TextDocument::from_markdown(words.as_str());
-            self.show(tick, entity::NOW.to_owned(), Some(words.clone()), document);
+            self.tell_now(tick, words);
         }
     }
+}
+
+/// The places and the size of a part.
+fn poses(part: &Part, places: &[Affine3], size: f32) -> InstancePoses3D {
+    // A capsule of Rerun's begins at its origin.
+    let begin = match part.form {
+        Form::Capsule { length, .. } => Vec3::Z * (-0.5 * length * size),
+        _ => Vec3::ZERO,
+    };
+    let origins = places.iter().map(|at| at.transform_point3(begin));
+    InstancePoses3D::new()
+        .with_translations(array(origins))
+        .with_quaternions(places.iter().map(quaternion))
+        .with_scales(vec![[size; 3]; places.len()])
 }
 
 /// The shape of a part in its own frame.

@@ -1,9 +1,7 @@
 //! The strokes and captions of a picture, and of a steered arm what is asked for.
 
-use std::collections::BTreeSet;
-
-use glam::{Mat3, Quat, Vec3};
-use re_sdk_types::archetypes::{LineStrips3D, Mesh3D, Points3D};
+use glam::{Affine3, Mat3, Quat, Vec3};
+use re_sdk_types::archetypes::{Clear, Mesh3D, Points3D};
 use re_sdk_types::components::Radius;
 use shared_types::codes::reason_text;
 
@@ -11,11 +9,13 @@ use super::Recording;
 use super::draw::{array, arrows, lines};
 use crate::entity;
 use crate::narration::lost;
-use crate::picture::{Named, Picture, Sign};
-use crate::pose::{Placement, Rgba, vec3};
-use crate::scene::{Presence, turned_words};
-use crate::signals::{Now, TickRow, halves};
-use crate::strokes::{Frame, Stroke, strokes};
+use crate::picture::{Picture, Sign};
+use crate::pose::{Rgba, vec3};
+use crate::run::Tick;
+use crate::scene::turned_words;
+use crate::signals::{Now, halves};
+use crate::story::Named;
+use crate::strokes::{Frame, strokes};
 
 /// Time by which the arrows and the ghost of a steered arm are ahead, s: the horizon of the law's prediction.
 const AHEAD_S: f32 = 0.5;
@@ -41,65 +41,69 @@ fn label(text: &str, colour: Rgba) -> Points3D {
 
 impl Recording<'_> {
     /// The strokes of a picture, each written where it is another one, and its captions.
-    pub(super) fn draw_marks(&mut self, row: &TickRow, picture: &Picture) {
+    pub(super) fn draw_marks(&mut self, row: &Tick, picture: &Picture) {
         let (tick, unit) = (row.tick, self.run.mark_size());
-        let strokes = strokes(self.run, &self.scene.named, picture, unit);
-        let path = |stroke: &Stroke| match stroke.frame {
-            Frame::Link(link) => format!("{}/{}", entity::link(entity::LINK, link), stroke.name),
-            _ => format!("{}/{}", entity::WORLD, stroke.name),
-        };
-        let present: BTreeSet<String> = strokes.iter().map(path).collect();
-        for gone in std::mem::replace(&mut self.strokes, present) {
-            if !self.strokes.contains(&gone) {
-                self.show(tick, gone, None, |_| LineStrips3D::clear_fields());
+        let mut before = std::mem::take(&mut self.strokes);
+        for stroke in strokes(self.run, &self.scene.story.named, picture, unit) {
+            let name = &stroke.name;
+            let path = match stroke.frame {
+                Frame::Link(link) => format!("{}/{name}", entity::link(entity::LINK, link)),
+                _ => format!("{}/{name}", entity::WORLD),
+            };
+            let key = format!("{:?} {}", stroke.strips, stroke.colour);
+            let is_known = before.remove(&path).as_ref() == Some(&key);
+            match stroke.radius {
+                _ if is_known => (),
+                Some(radius) => {
+                    let lines = lines(stroke.strips, stroke.colour, radius);
+                    self.sink.log(tick, &path, &lines);
+                }
+                None => {
+                    let corners = array(stroke.strips.concat());
+                    let triangles = (2..corners.len() as u32).map(|k| [0, k - 1, k]);
+                    let area = Mesh3D::new(corners)
+                        .with_triangle_indices(triangles)
+                        .with_albedo_factor(stroke.colour);
+                    self.sink.log(tick, &path, &area);
+                }
             }
+            self.strokes.insert(path, key);
         }
-        for stroke in &strokes {
-            let key = Some(format!("{:?} {}", stroke.strips, stroke.colour));
-            if stroke.is_area {
-                let corners = &stroke.strips[0];
-                self.show(tick, path(stroke), key, |_| {
-                    Mesh3D::new(array(corners.iter().copied()))
-                        .with_triangle_indices((2..corners.len() as u32).map(|k| [0, k - 1, k]))
-                        .with_albedo_factor(stroke.colour)
-                });
-            } else {
-                let strips = || stroke.strips.iter().map(|strip| strip.iter().copied());
-                let lines = |_: &Self| lines(strips(), stroke.colour, stroke.radius);
-                self.show(tick, path(stroke), key, lines);
-            }
+        for path in before.into_keys() {
+            self.sink.log(tick, path, &Clear::flat());
         }
         self.draw_captions(row, picture);
     }
 
     /// Captions of each singularity, none while no report says where it is; and one below the hand.
-    pub(super) fn draw_captions(&mut self, row: &TickRow, picture: &Picture) {
+    fn draw_captions(&mut self, row: &Tick, picture: &Picture) {
         let (tick, unit) = (row.tick, self.run.mark_size());
-        for i in 0..self.scene.named.len() {
-            let Named { name, colour, .. } = self.scene.named[i].clone();
-            let sign = picture.signs.get(i);
-            if let Some(Sign { mark, .. }) = sign {
-                if mark.look.presence != Presence::Hidden {
-                    self.place(format!("{}{name}", entity::SINGULARITY), tick, mark.X_BS);
+        for (i, named) in self.scene.story.named.clone().into_iter().enumerate() {
+            let Named { name, colour, .. } = named;
+            let mut captions = Default::default();
+            if let Some(sign) = picture.signs.get(i) {
+                let X_BS = sign.mark.X_BS;
+                if sign.mark.is_seen {
+                    self.place(format!("/world/singularity/{name}"), tick, X_BS);
                 }
-                let centre = Placement::at(mark.X_BS.p);
+                let centre = Affine3::from_translation(X_BS.translation);
                 self.place(format!("/world/zeta/{name}"), tick, centre);
+                captions = self.captions(i, sign, picture);
             }
             let paths = [
                 format!("{}{name}", entity::NAME),
                 format!("{}{name}", entity::CAPTION),
                 format!("{}{name}_turned", entity::CAPTION),
             ];
-            let captions = sign.map(|sign| self.captions(i, sign, picture));
-            for (path, (words, at)) in paths.into_iter().zip(captions.unwrap_or_default()) {
+            for (path, (words, at)) in paths.into_iter().zip(captions) {
                 self.caption(tick, path, words, colour, at);
             }
         }
-        let reason = row
-            .servo_state
-            .map(|s| reason_text(s.reason, s.joint, s.upper).to_string());
-        let words = reason.unwrap_or_else(|| turned_words(&picture.turned));
-        let below = picture.hand.p - self.run.up * (1.9 * unit);
+        let words = match row.servo_state {
+            Some(s) => reason_text(s.reason, s.joint, s.upper).to_string(),
+            None => turned_words(&picture.turned),
+        };
+        let below = picture.hand.translation - self.run.up * (1.9 * unit);
         self.caption(tick, format!("{}now", entity::CAPTION), words, QUIET, below);
     }
 
@@ -107,16 +111,20 @@ impl Recording<'_> {
     /// first speaks for all.
     fn captions(&self, i: usize, sign: &Sign, picture: &Picture) -> [(String, Vec3); 3] {
         let (mark, unit) = (sign.mark, self.run.mark_size());
-        let all = picture.signs.iter().zip(&self.scene.named);
-        let inside = all.filter(|(sign, _)| sign.mark.is_inside());
-        let inside: Vec<&str> = inside.map(|(_, named)| named.name.as_str()).collect();
-        let name = &self.scene.named[i].name;
+        let inside: Vec<&str> = picture
+            .signs
+            .iter()
+            .zip(&self.scene.story.named)
+            .filter(|(sign, _)| sign.mark.is_inside)
+            .map(|(_, named)| named.name.as_str())
+            .collect();
+        let name = &self.scene.story.named[i].name;
         let lost = match inside[..] {
-            [first] if first == name => format!("{name}: cannot {}", lost(mark.look.angular)),
+            [first] if first == name => format!("{name}: cannot {}", lost(mark.is_angular)),
             [first, ..] if first == name => inside.join(", ") + ": locked",
             _ => String::new(),
         };
-        let name = Some(name.clone()).filter(|_| mark.is_inside());
+        let name = if mark.is_inside { name.as_str() } else { "" };
         let up = |way: Vec3| {
             way * if way.dot(self.run.up) < 0.0 {
                 -1.0
@@ -124,11 +132,11 @@ impl Recording<'_> {
                 1.0
             }
         };
-        let end = mark.X_BS.p + up(mark.zeta() * (1.15 * unit * mark.size));
+        let end = mark.X_BS.translation + up(mark.zeta() * (1.15 * unit * mark.size));
         let entry = sign.swept.first().copied().unwrap_or_default() * (1.25 * unit);
-        let below = mark.X_BS.p - up(entry);
+        let below = mark.X_BS.translation - up(entry);
         [
-            (name.unwrap_or_default(), end),
+            (name.to_owned(), end),
             (lost, end),
             (sign.note.clone(), below),
         ]
@@ -136,36 +144,36 @@ impl Recording<'_> {
 
     /// A caption at a place; empty words: none.
     fn caption(&mut self, tick: u64, path: String, words: String, colour: Rgba, at: Vec3) {
-        if !words.is_empty() {
-            self.place(path.clone(), tick, Placement::at(at));
+        if words.is_empty() {
+            return self.hide(tick, &path);
         }
-        let key = Some(words.clone()).filter(|words| !words.is_empty());
-        self.show(tick, path, key, |_| label(&words, colour));
+        self.place(path.clone(), tick, Affine3::from_translation(at));
+        self.show(tick, path, words.clone(), || label(&words, colour));
     }
 
     /// Of a run that controls a force: the force of the hand on the surface, as long as two marks at its set-point.
-    pub(super) fn draw_force(&mut self, row: &TickRow, picture: &Picture) {
-        let limits = &self.run.limits;
-        if limits.forces.is_empty() {
+    pub(super) fn draw_force(&mut self, row: &Tick, picture: &Picture) {
+        if !self.run.job.scenario.presses() {
             return;
         }
         let unit = self.run.mark_size();
-        let now = Now::new(row, limits, None);
-        let force = row.plant_state.zip(now.pressed()).map(|(m, [newtons, _])| {
+        let pressed = Now::new(row, self.run).pressed();
+        let force = row.plant_state.zip(pressed).map(|(m, [newtons, _])| {
             let F = -Vec3::from(m.contact_force_n.map(|f| f as f32));
             F * (2.0 * unit / newtons as f32)
         });
-        let arrow = force.filter(|F| F.length() > 0.05 * unit);
-        let arrow = arrow.map(|F| [picture.hand.p, F]);
+        let arrow = force
+            .filter(|F| F.length() > 0.05 * unit)
+            .map(|F| [picture.hand.translation, F]);
         self.sink
             .log(row.tick, "/world/force", &arrows(arrow, FORCE, 0.06 * unit));
     }
 
     /// Of a steered run, the twist that its target asks for: an arrow as long as its way in half a second and an arc as wide as its turn; the line to the
     /// place that is asked for; and the hand of the reference arm half a second ahead, where nothing but its present twist moves it.
-    pub(super) fn draw_target(&mut self, row: &TickRow, picture: &Picture) {
+    pub(super) fn draw_target(&mut self, row: &Tick, picture: &Picture) {
         let Some(state) = row.servo_state else { return };
-        let (unit, hand) = (self.run.mark_size(), picture.hand.p);
+        let (unit, hand) = (self.run.mark_size(), picture.hand.translation);
         let [v, w] = vectors(&state.V_target);
         let motion = (v * AHEAD_S).clamp_length_min(0.2 * unit);
         let motion = (v.length() > LEAST).then_some([hand, motion]);
@@ -185,14 +193,17 @@ impl Recording<'_> {
         self.sink.log(row.tick, "/world/asked/turn", &strips);
         let [v, w] = row
             .control_state
-            .map_or([Vec3::ZERO; 2], |command| vectors(&command.V_BE_d));
+            .map(|command| vectors(&command.V_BE_d))
+            .unwrap_or_default();
         let from = picture.desired.unwrap_or(picture.hand);
-        let (end, R) = (from.p + v * AHEAD_S, Mat3::from_quat(turned(w)) * from.R);
+        let end = from.translation + v * AHEAD_S;
+        let R = Mat3::from_quat(turned(w)) * from.matrix3;
         let moves = v.length() > LEAST || w.length() > LEAST;
         let axes = [R.x_axis, R.y_axis, R.z_axis].map(|axis| [end, axis * unit]);
         let axes = arrows(axes.into_iter().filter(|_| moves), GHOST, 0.015 * unit);
         self.sink.log(row.tick, "/world/ahead/hand", &axes);
-        let way = lines(moves.then_some([from.p, end]), GHOST, 0.012 * unit);
+        let way = moves.then_some([from.translation, end]);
+        let way = lines(way, GHOST, 0.012 * unit);
         self.sink.log(row.tick, "/world/ahead/way", &way);
     }
 }

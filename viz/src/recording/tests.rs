@@ -13,25 +13,11 @@ use shared_types::topics::ByTopic;
 
 use super::*;
 
-/// Wrist lock: the joints turn ζ by 90°, then the hand rotates about the direction that was lost.
-fn fixture(count: u64) -> (Job, Robot, Vec<Tick>) {
-    let text = sim::scenarios::text("fig5-wrist-rotation").expect("built in");
-    let scenario = Scenario::parse("fig5", text, &[]).expect("valid");
+/// The job of a built-in scenario, and its arm.
+pub(crate) fn job(name: &str) -> (Job, Robot) {
+    let text = sim::scenarios::text(name).expect("built in");
+    let scenario = Scenario::parse(name, text, &[]).expect("valid");
     let robot = Robot::builtin(&scenario.robot).expect("built in");
-    let mut chain = Chain::new(&robot, &scenario).expect("accepted");
-    let mut whole = chain::Tick::default();
-    let ticks = (0..count).map(|tick| {
-        assert!(chain.step(&mut whole));
-        let (mut messages, events): (ByTopic<_>, _) = ((&whole).into(), Vec::new());
-        // The chain has a place for them in any run.
-        (messages.target, messages.servo_state) = (None, None);
-        Tick {
-            tick,
-            messages,
-            events,
-        }
-    });
-    let ticks = ticks.collect();
     let job = Job {
         run: "test".to_owned(),
         id: 7,
@@ -46,22 +32,35 @@ fn fixture(count: u64) -> (Job, Robot, Vec<Tick>) {
         from: None,
         deaths: Vec::new(),
     };
-    (job, robot, ticks)
+    (job, robot)
 }
 
+/// Draws the first ticks of a wrist lock: the joints turn ζ by 90°, then the hand rotates about the direction that was lost.
 fn draw(
     path: &Path,
-    job: &Job,
-    robot: &Robot,
-    ticks: Vec<Tick>,
+    count: u64,
     happened: Happened,
     progress: Progress,
 ) -> Result<Option<String>, RecordError> {
+    let (job, robot) = job("fig5-wrist-rotation");
+    let mut chain = Chain::new(&robot, &job.scenario).expect("accepted");
+    let mut whole = chain::Tick::default();
+    let mut ticks = (0..count).map(|tick| {
+        assert!(chain.step(&mut whole));
+        let (mut messages, events): (ByTopic<_>, _) = ((&whole).into(), Vec::new());
+        // The chain has a place for them in any run.
+        (messages.target, messages.servo_state) = (None, None);
+        Tick {
+            tick,
+            messages,
+            events,
+        }
+    });
     let source = Source {
-        job,
-        robot,
+        job: &job,
+        robot: &robot,
         happened,
-        ticks: &mut ticks.into_iter(),
+        ticks: &mut ticks,
         progress,
     };
     write_rrd(path, source)
@@ -84,7 +83,8 @@ fn rows(path: &Path) -> (BTreeMap<String, usize>, Vec<i64>) {
             let times = chunk.iter_indices(&"tick".into());
             ticks.extend(times.map(|(tick, _)| tick.as_i64()));
         }
-        *rows.entry(path).or_default() += if chunk.is_static() {
+        let known = rows.entry(path).or_default();
+        *known += if chunk.is_static() {
             0
         } else {
             chunk.num_rows()
@@ -95,7 +95,6 @@ fn rows(path: &Path) -> (BTreeMap<String, usize>, Vec<i64>) {
 
 #[test]
 fn a_recording_shows_what_happened() {
-    let (job, robot, ticks) = fixture(4400);
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("run.rrd");
     let fault = FaultSummary {
@@ -110,7 +109,7 @@ fn a_recording_shows_what_happened() {
         faults: &[fault],
         ..Happened::default()
     };
-    draw(&path, &job, &robot, ticks, happened, &mut |_| true).expect("room");
+    draw(&path, 4400, happened, &mut |_| true).expect("room");
     let (rows, numbers) = rows(&path);
     assert!(numbers.into_iter().eq(0..4400));
     // The picture runs at 50 Hz. The wrist has ghosts. Inside the wrist singularity ζ has been turned by
@@ -141,18 +140,12 @@ fn a_recording_shows_what_happened() {
 
 #[test]
 fn a_recording_that_is_stopped_leaves_nothing() {
-    let (job, robot, ticks) = fixture(1100);
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("run.rrd");
-    let (happened, mut until) = (Happened::default(), |count| count < 1000);
-    let stopped = draw(&path, &job, &robot, ticks, happened, &mut until);
+    let stopped = draw(&path, 1100, Happened::default(), &mut |count| count < 1000);
     assert!(matches!(stopped, Err(RecordError::Stopped)));
     let error = RrdFile::create(&folder.path().join("none/run.rrd")).map(drop);
     assert!(matches!(error, Err(RecordError::Write { .. })));
-    assert_eq!(
-        std::fs::read_dir(folder.path())
-            .expect("the folder")
-            .count(),
-        0
-    );
+    let files = std::fs::read_dir(folder.path()).expect("the folder");
+    assert_eq!(files.count(), 0);
 }

@@ -36,8 +36,6 @@ pub(super) struct Drawing<'a> {
     unit: f32,
     /// The attributes of a kind of path; each path names its own by its place here.
     pub(super) paints: Vec<String>,
-    /// Paths from the back to the front.
-    paths: Vec<(usize, String)>,
 }
 
 /// The `d` of an SVG path through points, in whole units.
@@ -71,7 +69,6 @@ impl<'a> Drawing<'a> {
             height: 0.0,
             unit: 0.2 * facts.body.reach,
             paints: Vec::new(),
-            paths: Vec::new(),
         };
         drawing.frame();
         Some(drawing)
@@ -83,10 +80,13 @@ impl<'a> Drawing<'a> {
         let (mut low, mut high) = (Vec2::splat(f32::INFINITY), Vec2::splat(f32::NEG_INFINITY));
         for picture in pictures.iter().step_by((pictures.len() / 40).max(1)) {
             let round = |p: Vec3, by: f32| [self.place(p) - by, self.place(p) + by];
-            let limbs = self.limbs(picture).into_iter().flatten();
-            let ends = limbs.flat_map(|p| round(p, RADIUS * self.facts.body.reach));
+            let ends = self
+                .limbs(picture)
+                .into_iter()
+                .flatten()
+                .flat_map(|p| round(p, RADIUS * self.facts.body.reach));
             for at in ends
-                .chain(round(picture.hand.p, self.unit))
+                .chain(round(picture.hand.translation, self.unit))
                 .filter(|at| at.is_finite())
             {
                 (low, high) = (low.min(at), high.max(at));
@@ -108,39 +108,39 @@ impl<'a> Drawing<'a> {
         line(points.into_iter().map(|point| self.place(point)))
     }
 
-    fn put(&mut self, paint: String, path: String) {
-        let known = self.paints.iter().position(|known| *known == paint);
-        let paint = known.unwrap_or_else(|| {
+    /// The place of a kind of path among them.
+    fn paint(&mut self, paint: String) -> usize {
+        let mut known = self.paints.iter();
+        known.position(|known| *known == paint).unwrap_or_else(|| {
             self.paints.push(paint);
             self.paints.len() - 1
-        });
-        self.paths.push((paint, path));
+        })
     }
 
     /// The arm as lines: from each joint to the next, the first from the floor.
     fn limbs(&self, picture: &Picture) -> Vec<[Vec3; 2]> {
-        let links = &picture.links[..self.facts.body.links];
+        let links = &picture.links[..self.facts.joints()];
         let tip = links
             .last()
-            .and_then(|at| Some(at.of(self.facts.body.tip?)));
+            .and_then(|at| Some(at.transform_point3(self.facts.body.tip?)));
         let places = [Vec3::Z * self.facts.floor_m].into_iter();
         let places: Vec<Vec3> = places
-            .chain(links.iter().map(|at| at.p))
+            .chain(links.iter().map(|at| at.translation))
             .chain(tip)
             .collect();
-        let pairs = places.windows(2).map(|pair| [pair[0], pair[1]]);
         // Joints whose frames coincide have none between them.
-        pairs.filter(|[a, b]| a.distance(*b) > 1e-3).collect()
+        places
+            .windows(2)
+            .map(|pair| [pair[0], pair[1]])
+            .filter(|[a, b]| a.distance(*b) > 1e-3)
+            .collect()
     }
 
     /// The desired path, which is behind everything, over the whole run.
     pub(super) fn ground(&mut self) -> Vec<(usize, String)> {
-        let path = self.way(u64::MAX, |picture| Some(picture.desired?.p));
-        self.put(
-            stroke(&hex(on_paper(DESIRED)), 9.0, " stroke-opacity=\".7\""),
-            path,
-        );
-        std::mem::take(&mut self.paths)
+        let path = self.way(u64::MAX, |picture| Some(picture.desired?.translation));
+        let paint = stroke(&hex(on_paper(DESIRED)), 9.0, " stroke-opacity=\".7\"");
+        vec![(self.paint(paint), path)]
     }
 
     /// All that is drawn at a tick, from the back to the front.
@@ -153,42 +153,45 @@ impl<'a> Drawing<'a> {
         let far = |limb: &[Vec3; 2]| (limb[0] + limb[1]).dot(self.axes[2]);
         limbs.sort_by(|a, b| far(&b.0).total_cmp(&far(&a.0)));
         let width = 2.0 * self.scale * RADIUS * self.facts.body.reach;
+        let mut paths = Vec::new();
         for (limb, colour) in limbs {
             // Its edge, and what is within.
             for (light, width) in [(0.5, width + 4.0), (0.95, width)] {
-                let path = self.line(limb);
-                self.put(
-                    stroke(&hex(shaded(*colour, light)), width.round(), ""),
-                    path,
-                );
+                let paint = stroke(&hex(shaded(*colour, light)), width.round(), "");
+                paths.push((self.paint(paint), self.line(limb)));
             }
         }
-        let way = self.way(picture.tick, |picture| Some(picture.hand.p));
-        self.put(stroke(ACTUAL, 4.0, ""), way);
+        let way = self.way(picture.tick, |picture| Some(picture.hand.translation));
+        paths.push((self.paint(stroke(ACTUAL, 4.0, "")), way));
         for one in strokes(self.facts, &self.recorded.named, picture, self.unit) {
             let at = one.place(picture);
             let strips = one.strips.iter();
             let path = strips
-                .map(|strip| self.line(strip.iter().map(|p| at.of(*p))))
+                .map(|strip| self.line(strip.iter().map(|p| at.transform_point3(*p))))
                 .collect();
             let (colour, opacity) = (hex(on_paper(one.colour)), opacity(one.colour));
-            let width = (2.0 * one.radius * self.scale).round().max(4.0);
-            let paint = match one.is_area {
-                true => format!("fill=\"{colour}\" fill-opacity=\"{opacity:.2}\""),
-                false => stroke(&colour, width, &format!(" stroke-opacity=\"{opacity:.2}\"")),
+            let paint = match one.radius {
+                None => format!("fill=\"{colour}\" fill-opacity=\"{opacity:.2}\""),
+                Some(radius) => {
+                    let width = (2.0 * radius * self.scale).round().max(4.0);
+                    stroke(&colour, width, &format!(" stroke-opacity=\"{opacity:.2}\""))
+                }
             };
-            self.put(paint, path);
+            paths.push((self.paint(paint), path));
         }
-        std::mem::take(&mut self.paths)
+        paths
     }
 
     /// A path through some of the places up to a tick, the last among them.
     fn way(&self, until: u64, place: impl Fn(&Picture) -> Option<Vec3>) -> String {
-        let pictures = self.recorded.pictures.iter();
-        let places = pictures
+        let mut places: Vec<Vec2> = self
+            .recorded
+            .pictures
+            .iter()
             .take_while(|one| one.tick <= until)
-            .filter_map(place);
-        let mut places: Vec<Vec2> = places.map(|p| self.place(p).round()).collect();
+            .filter_map(place)
+            .map(|p| self.place(p).round())
+            .collect();
         places.dedup();
         let some = places.iter().step_by(places.len().div_ceil(WAY).max(1));
         line(some.chain(places.last()).copied())

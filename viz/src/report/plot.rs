@@ -40,9 +40,10 @@ pub(super) struct Plot {
 
 impl Plot {
     fn place(&self, value: f64) -> f64 {
-        match self.is_logarithmic {
-            true => value.log10(),
-            false => value,
+        if self.is_logarithmic {
+            value.log10()
+        } else {
+            value
         }
     }
 
@@ -51,24 +52,26 @@ impl Plot {
         if let Some(range) = &self.range {
             return self.place(range.start)..self.place(range.end);
         }
-        let points = self.curves.iter().flat_map(|curve| &curve.points);
-        let places = points.map(|(_, value)| self.place(*value));
+        let places = self
+            .curves
+            .iter()
+            .flat_map(|curve| &curve.points)
+            .map(|(_, value)| self.place(*value));
         let (low, high) = places
             .filter(|place| place.is_finite())
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), y| {
                 (low.min(y), high.max(y))
             });
-        match low.is_finite() {
-            true => {
-                let air = (0.06 * (high - low)).max(0.05 * low.abs().max(1e-3));
-                low - air..high + air
-            }
-            false => 0.0..1.0,
+        if low.is_finite() {
+            let air = (0.06 * (high - low)).max(0.05 * low.abs().max(1e-3));
+            low - air..high + air
+        } else {
+            0.0..1.0
         }
     }
 
     /// The values of the template `plot`, for a drawing of so many points: the place and the range of the data, so that the page can read off values, too.
-    pub(super) fn drawing(&self, width: f64, height: f64) -> Value {
+    pub(super) fn drawing(&self, [width, height]: [f64; 2]) -> Value {
         let ([right, bottom], span) = ([4.0 * width - EDGE, 4.0 * height - FOOT], self.span());
         let share = |value: f64, span: &Range<f64>| {
             ((value - span.start) / (span.end - span.start)).clamp(0.0, 1.0)
@@ -81,8 +84,8 @@ impl Plot {
             json!([from, (to - from).max(8.0), hex(colour), opacity(colour)])
         };
         let lines = self.curves.iter().map(|curve| {
-            let points = curve.points.iter().map(|(t_s, value)| (*t_s, self.place(*value)));
-            let points: Vec<(f64, f64)> = points.collect();
+            let points: Vec<(f64, f64)> =
+                curve.points.iter().map(|(t_s, value)| (*t_s, self.place(*value))).collect();
             let stretches = points.split(|(_, place)| !place.is_finite());
             let path = stretches.fold(String::new(), |mut path, points| {
                 for (k, (t_s, place)) in points.iter().enumerate() {
@@ -115,10 +118,10 @@ fn ticks(span: &Range<f64>, most: f64, is_logarithmic: bool) -> Vec<(f64, String
     let size = (span.end - span.start) / most.max(1.0);
     let power = 10f64.powf(size.max(1e-300).log10().floor());
     let factors = [1.0, 2.0, 5.0, 10.0].into_iter();
-    let fit = factors
+    let step = factors
         .map(|factor| factor * power)
-        .find(|step| *step >= size * (1.0 - 1e-9));
-    let step = fit.map_or(1.0, |step| if is_logarithmic { step.ceil() } else { step });
+        .find(|step| *step >= size * (1.0 - 1e-9))
+        .map_or(1.0, |step| if is_logarithmic { step.ceil() } else { step });
     let (first, last) = (span.start / step - 1e-6, span.end / step + 1e-6);
     let all = (first.ceil() as i64..=last.floor() as i64).take(200);
     let label = |k: i64| {

@@ -1,19 +1,18 @@
 //! A run as far as a page shows it: thinned lines, the log, and what is seen 50 times a second. PURE.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
-use shared_types::codes::{MODE_REGULAR, MODE_REORIENT, MODES};
+use shared_types::codes::{MODE_REGULAR, MODE_REORIENT, MODES, name_of};
 use shared_types::event::Event;
 
 use crate::eye::Room;
 use crate::facts::Facts;
 use crate::narration::{NO_FAULT, capital};
-use crate::picture::{Named, Picture, Scene};
+use crate::picture::{Picture, Scene};
 use crate::run::Source;
-use crate::scene::Presence;
-use crate::signals::Signal;
-use crate::story::{News, Story};
+use crate::signals::{Now, Signal};
+use crate::story::{Named, News};
 
 /// Stretches of a plotted line, each of at most four points: more would not be seen.
 const STRETCHES: u64 = 700;
@@ -24,34 +23,11 @@ const MOST: usize = 5;
 /// How often a caller hears how far it is; ticks.
 const NEWS: u64 = 1000;
 
-/// Values over time, in the order of the ticks.
-pub(super) type Track<T> = Vec<(u64, T)>;
-
-/// The last value up to a tick.
-fn at<T>(track: &[(u64, T)], tick: u64) -> Option<&T> {
-    let end = track.partition_point(|(known, _)| *known <= tick);
-    Some(&track.get(end.checked_sub(1)?)?.1)
-}
-
-/// When values were others than at rest, as one stretch where two touch; `last`: the end of the run.
-pub(super) fn stretches<T>(
-    track: &[(u64, T)],
-    last: u64,
-    is_rest: impl Fn(&T) -> bool,
-) -> Vec<Range<u64>> {
-    let ends = track.iter().skip(1).map(|(tick, _)| *tick).chain([last]);
-    let mut out: Vec<Range<u64>> = Vec::new();
-    for ((from, _), to) in track.iter().zip(ends).filter(|one| !is_rest(&one.0.1)) {
-        match out.last_mut() {
-            Some(before) if *from <= before.end => before.end = before.end.max(to),
-            _ => out.push(*from..to),
-        }
-    }
-    out
-}
+/// Words at ticks, in their order.
+type Track = Vec<(u64, String)>;
 
 /// A line of a plot: of so many successive values the first, the least, the largest and the last; NaN in a gap.
-#[derive(Clone, Default)]
+#[derive(Default)]
 pub(super) struct Line {
     pub(super) name: String,
     pub(super) points: Vec<(f64, f64)>,
@@ -79,15 +55,10 @@ impl Line {
         let by_value = |a: &usize, b: &usize| self.gathered[*a].1.total_cmp(&self.gathered[*b].1);
         let count = self.gathered.len();
         let (low, high) = ((0..count).min_by(by_value), (0..count).max_by(by_value));
-        let mut kept: Vec<usize> = [Some(0), low, high, count.checked_sub(1)]
-            .into_iter()
-            .flatten()
-            .filter(|i| *i < count)
-            .collect();
-        kept.sort_unstable();
-        kept.dedup();
-        self.points
-            .extend(kept.into_iter().map(|i| self.gathered[i]));
+        // None of nothing.
+        let kept = [low.map(|_| 0), low, high, count.checked_sub(1)];
+        let kept: BTreeSet<usize> = kept.into_iter().flatten().collect();
+        self.points.extend(kept.iter().map(|i| self.gathered[*i]));
         self.gathered.clear();
     }
 }
@@ -98,9 +69,8 @@ pub(super) struct Recorded {
     /// Of each signal its lines, element by element.
     pub(super) lines: BTreeMap<&'static str, Vec<Line>>,
     pub(super) log: Vec<Event>,
-    /// The lane of faults, and the mode of each singularity.
-    pub(super) faults: Track<String>,
-    pub(super) modes: Vec<Track<u32>>,
+    /// The lanes of the state timeline, by their names.
+    lanes: BTreeMap<String, Track>,
     pub(super) named: Vec<Named>,
     pub(super) pictures: Vec<Picture>,
     room: Room,
@@ -115,7 +85,7 @@ impl Recorded {
             rate_hz: f64::from(facts.rate_hz),
             ..Self::default()
         };
-        let mut scene = Scene::new(facts, Story::new(facts.job, &source.happened));
+        let mut scene = Scene::new(facts);
         let stride = count.div_ceil(STRETCHES).max(1) as usize;
         let patience_s = PATIENCE / recorded.rate_hz;
         let mut values = Vec::new();
@@ -123,20 +93,16 @@ impl Recorded {
             if number % NEWS == 0 && !(source.progress)(number) {
                 break;
             }
-            let row = tick.row();
-            let picture = scene.push(facts, &row, &mut |tick, news| recorded.tell(tick, &news));
-            if let Some(picture) = picture {
-                recorded.room.push(facts, &picture);
-                recorded.pictures.push(picture);
-            }
-            recorded.last = row.tick;
-            let (t_s, now) = (recorded.seconds(row.tick), facts.now(&row));
+            let picture = scene.push(facts, &tick, &mut |tick, news| recorded.tell(tick, news));
+            recorded.pictures.extend(picture);
+            recorded.last = tick.tick;
+            let (t_s, now) = (recorded.seconds(tick.tick), Now::new(&tick, facts));
             for signal in plotted {
                 values.clear();
                 (signal.of().take)(&now, &mut values);
                 let lines = recorded.lines.entry(signal.name()).or_default();
                 if lines.is_empty() && !values.is_empty() {
-                    let names = signal.elements(facts.joints(), &scene.story.names);
+                    let names = signal.elements(facts.joints(), &scene.story.named);
                     let line = |name| Line {
                         name,
                         ..Line::default()
@@ -151,27 +117,19 @@ impl Recorded {
         recorded.lines.values_mut().flatten().for_each(Line::flush);
         // The log tells of a fault or a loss when it is known, not when it happened.
         recorded.log.sort_by_key(|event| event.tick);
-        recorded.named = scene.named;
+        (recorded.named, recorded.room) = (scene.story.named, scene.room);
         recorded
     }
 
-    fn tell(&mut self, tick: u64, news: &News) {
+    fn tell(&mut self, tick: u64, news: News) {
         match news {
-            News::Line(event) => self.log.push((*event).clone()),
-            News::State {
-                name: "fault",
-                state,
-                ..
-            } => self.faults.push((tick, (*state).to_owned())),
-            News::State {
-                of: Some(i), state, ..
-            } => {
-                let code = MODES.iter().find(|(_, known)| known == state);
-                self.modes
-                    .resize_with(self.modes.len().max(i + 1), Vec::new);
-                self.modes[*i].push((tick, code.map_or(u32::MAX, |(code, _)| *code)));
+            News::Line(event) => self.log.push(event.clone()),
+            News::State { name, state, .. } => {
+                self.lanes
+                    .entry(name.to_owned())
+                    .or_default()
+                    .push((tick, state.to_owned()));
             }
-            News::State { .. } => (),
         }
     }
 
@@ -188,14 +146,45 @@ impl Recorded {
         self.lines.get(signal.name()).map_or(&[], Vec::as_slice)
     }
 
-    /// Stretches with a fault in force.
-    pub(super) fn faulty(&self) -> Vec<Range<u64>> {
-        stretches(&self.faults, self.last, |state| state == NO_FAULT.0)
+    /// What a lane told, and when.
+    fn lane(&self, name: &str) -> &[(u64, String)] {
+        self.lanes.get(name).map_or(&[], Vec::as_slice)
+    }
+
+    fn modes(&self, named: &Named) -> &[(u64, String)] {
+        self.lane(&format!("mode/{}", named.name))
+    }
+
+    /// When a lane told something else than `rest`, as one stretch where two touch; s.
+    fn stretches(&self, lane: &[(u64, String)], rest: &str) -> Vec<Range<f64>> {
+        let ends = lane.iter().skip(1).map(|(tick, _)| *tick);
+        let all = lane.iter().zip(ends.chain([self.last]));
+        let mut out: Vec<Range<f64>> = Vec::new();
+        for ((from, _), to) in all.filter(|((_, state), _)| state != rest) {
+            let [from, to] = [*from, to].map(|tick| self.seconds(tick));
+            match out.last_mut() {
+                Some(before) if from <= before.end => before.end = before.end.max(to),
+                _ => out.push(from..to),
+            }
+        }
+        out
+    }
+
+    /// Stretches with a fault in force; s.
+    pub(super) fn faulty(&self) -> Vec<Range<f64>> {
+        self.stretches(self.lane("fault"), NO_FAULT.0)
+    }
+
+    /// Stretches in which control at a singularity is not the regular one; s.
+    pub(super) fn irregular(&self, named: &Named) -> Vec<Range<f64>> {
+        self.stretches(self.modes(named), name_of(MODES, MODE_REGULAR))
     }
 
     /// The fault in force at a tick.
     pub(super) fn fault(&self, tick: u64) -> Option<&String> {
-        at(&self.faults, tick).filter(|state| *state != NO_FAULT.0)
+        let mut until = self.lane("fault").iter().rev();
+        let (_, state) = until.find(|(known, _)| *known <= tick)?;
+        Some(state).filter(|state| *state != NO_FAULT.0)
     }
 
     /// The picture of a tick, or the last one before it.
@@ -205,28 +194,28 @@ impl Recorded {
     }
 
     /// Up to five moments with their names, in order; `fault`: the tick of the first fault.
-    pub(super) fn moments(&self, fault: Option<u64>) -> Track<String> {
+    pub(super) fn moments(&self, fault: Option<u64>) -> Track {
         // Those that matter most first: the others go where there is no room.
         let mut all = vec![(self.last, "End".to_owned())];
-        all.extend(fault.map(|tick| (tick, "Fault".to_owned())));
+        let mut add =
+            |tick: Option<u64>, name: &str| all.extend(tick.map(|tick| (tick, name.to_owned())));
+        add(fault, "Fault");
         match self.room.stay() {
-            Some((first, last)) => self.locked(first, last, &mut all),
-            None => all.extend(
-                self.nearest(0, self.last)
-                    .map(|tick| (tick, "Nearest to a singularity".to_owned())),
-            ),
+            Some((first, last)) => self.locked(first, last, &mut add),
+            None => add(self.nearest(0, self.last), "Nearest to a singularity"),
         }
-        all.push((0, "Start".to_owned()));
-        for (named, modes) in self.named.iter().zip(&self.modes) {
-            let left = modes
-                .iter()
-                .filter(|(tick, mode)| *tick > 0 && *mode == MODE_REGULAR);
-            all.extend(left.map(|(tick, _)| (*tick, capital(&named.name) + " free")));
+        add(Some(0), "Start");
+        for named in &self.named {
+            let regular = name_of(MODES, MODE_REGULAR);
+            for (tick, mode) in self.modes(named) {
+                let is_left = *tick > 0 && mode == regular;
+                add(is_left.then_some(*tick), &(capital(&named.name) + " free"));
+            }
         }
-        all.push((self.last / 2, "Halfway".to_owned()));
+        add(Some(self.last / 2), "Halfway");
         // Moments too close to be told apart are one picture.
         let apart = (self.last / 50).max(1);
-        let mut kept: Track<String> = Vec::new();
+        let mut kept = Track::new();
         for (tick, name) in all {
             let is_apart = kept.iter().all(|other| other.0.abs_diff(tick) >= apart);
             if kept.len() < MOST && is_apart && tick <= self.last {
@@ -246,18 +235,23 @@ impl Recorded {
 
     /// When the arm is nearest to a singularity whose mark is seen.
     fn nearest(&self, first: u64, last: u64) -> Option<u64> {
-        let marks = |one: &Picture| one.signs.iter().map(|sign| sign.mark).collect::<Vec<_>>();
-        let all = self
+        let marks = |one: &Picture| {
+            let marks = one.signs.iter().map(|sign| sign.mark);
+            marks
+                .filter(|mark| mark.is_seen)
+                .map(|mark| (one.tick, mark.size))
+                .collect::<Vec<_>>()
+        };
+        let nearest = self
             .between(first, last)
-            .flat_map(|one| marks(one).into_iter().map(|mark| (one.tick, mark)));
-        let seen = all.filter(|(_, mark)| mark.look.presence != Presence::Hidden);
-        let nearest = seen.min_by(|a, b| b.1.size.total_cmp(&a.1.size));
+            .flat_map(marks)
+            .min_by(|a, b| b.1.total_cmp(&a.1));
         nearest.map(|(tick, _)| tick)
     }
 
     /// The moments of a stay inside a neighbourhood, those that matter most first.
-    fn locked(&self, first: u64, last: u64, all: &mut Track<String>) {
-        all.push((first, "Locked".to_owned()));
+    fn locked(&self, first: u64, last: u64, add: &mut dyn FnMut(Option<u64>, &str)) {
+        add(Some(first), "Locked");
         let turns = |one: &&Picture| one.signs.iter().any(|sign| sign.mode == MODE_REORIENT);
         let turning: Vec<u64> = self
             .between(first, last)
@@ -265,22 +259,13 @@ impl Recorded {
             .map(|one| one.tick)
             .collect();
         if let [begin, .., end] = turning[..] {
-            all.extend([
-                (begin.midpoint(end), "ζ turning".to_owned()),
-                (end, "ζ turned".to_owned()),
-            ]);
+            add(Some(begin.midpoint(end)), "ζ turning");
+            add(Some(end), "ζ turned");
         }
-        all.push((last, "Leaving".to_owned()));
-        all.extend(
-            first
-                .checked_sub((0.5 * self.rate_hz) as u64)
-                .map(|tick| (tick, "Approach".to_owned())),
-        );
+        add(Some(last), "Leaving");
+        add(first.checked_sub((0.5 * self.rate_hz) as u64), "Approach");
         if turning.is_empty() {
-            all.extend(
-                self.nearest(first, last)
-                    .map(|tick| (tick, "Nearest".to_owned())),
-            );
+            add(self.nearest(first, last), "Nearest");
         }
     }
 }
