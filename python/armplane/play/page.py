@@ -396,8 +396,8 @@ class Page:
         self.own, self.sliders, self.postures, self.home = [], [], {}, session.q
         floor = scenario["plant"].get("floor_m") or 0.0
         self.scene = Scene(self.server, robot, floor, session.q)
-        if why := robot.body.lacking:
-            self.story.append(f"Simpler shapes are drawn, for a mesh cannot be read: {why}")
+        if lacking := robot.solids["lacking"]:
+            self.story.append(lacking)
         if robot.name not in self.arms.options:
             self.arms.options = (*self.arms.options, robot.name)
         self.kept |= {"arm": robot.name, "law": scenario["control"]["strategy"]}

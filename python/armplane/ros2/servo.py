@@ -53,20 +53,18 @@ class Frames:
     """The frames of a robot (of `armplane.play.robot`) by the names of its URDF's links. `base` is the root's name."""
 
     def __init__(self, robot):
-        self.robot, self.tip = robot, robot.arm.tip
-        children = {one.get("link") for one in robot.tree.iter("child")}
-        self.base = next(name for name in robot.links if name not in children)
+        self.robot, self.links, self.tip = robot, robot.arm.frames, robot.arm.tip
+        self.base = next(iter(self.links))
 
     def pose(self, name, q):
         """The pose of a frame in the base, (4, 4); ValueError for an unknown one."""
         name = name.lstrip("/")
         if name == self.tip:
             return self.robot.frames(q)[-1]
-        if name not in self.robot.links:
-            known = ", ".join([self.base, *(one for one in self.robot.links if one != self.base), self.tip])
-            raise ValueError(f"its frame_id is '{name}', and the arm's frames are {known}")
-        place, at = self.robot.links[name]
-        return at if place < 0 else self.robot.frames(q)[place] @ at
+        if name not in self.links:
+            raise ValueError(f"its frame_id is '{name}', and the arm's frames are {', '.join([*self.links, self.tip])}")
+        joint, at = self.links[name]
+        return at if joint is None else self.robot.frames(q)[joint] @ at
 
 
 class Commands:
