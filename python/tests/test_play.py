@@ -370,15 +370,13 @@ SLIDES = """<robot name="slides"><link name="base"/>
 
 def test_a_new_run_begins_where_the_arm_stands_also_on_a_rail(tmp_path, monkeypatch):
     from armplane.play.robot import Robot
-    from armplane.play.session import standing
-    from armplane.results import _program
+    from armplane.results import _program, as_settings
 
     monkeypatch.chdir(tmp_path)
     Path("slides.urdf").write_text(SLIDES)
     Path("slides.toml").write_text('default_frame = "tip"\nlength_m = 0.4\ntask = ["x", "y"]\n')
-    (tmp_path / "room").mkdir()
-    file = standing(tmp_path / "room", "slides.urdf", np.array([0.2, 0.05]))
-    said = ended(f"{_program()} servo {file} --from=- --out=run", input="twist, base, 0.2, 0.02 0 0 0 0 0\nend\n")
+    (stands,) = as_settings({"start": {"q": np.array([0.2, 0.05])}})
+    said = ended(f"{_program()} servo slides.urdf --from=- --out=run --set={stands.replace(' ', '')}", input="twist, base, 0.2, 0.02 0 0 0 0 0\nend\n")
     run = armplane.load(tmp_path / "run")
     assert said.returncode == 0, said.stderr
     assert run.summary["joints"]["q_start"] == pytest.approx([0.2, 0.05], abs=1e-6)
