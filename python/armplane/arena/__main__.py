@@ -21,7 +21,7 @@ from pathlib import Path
 
 import armplane
 
-from ..results import INSTALL, Parser, _armplane, _program, _sentence, toml
+from ..results import INSTALL, Parser, _program, _sentence, toml
 from . import GIVEN_CLOCK as BASE
 from . import NO_HINTS, OPPONENTS, OWN_CLOCK, tasks
 from .children import CHILDREN
@@ -198,7 +198,7 @@ def _scalars(values):
 def tried(entry, task, more):
     """The numbers of a law of armplane, on this thread."""
     settings = dict(pair.split("=", 1) for pair in more[1::2])
-    row = armplane.trial(task.argument if task.argument == task.name else task.text, {**settings, **entry.scenario()})
+    row = armplane.trial(task.text or task.name, {**settings, **entry.scenario()})
     if "ticks" not in row:
         return row
     # The table has its own name for it.
@@ -438,13 +438,13 @@ def main():
         CHILDREN.close()
 
 
-def conditions(asked, found, todo, folder):
+def conditions(asked, found, todo):
     """The runs of the other tracks, and the varied ones, which tuned rows do without. A law without its own clock, or a task without a hint, keeps its rows."""
     cells = []
     if asked.tracks:
         slowing = [entry.with_settings(entry.name, own_clock=True) for entry in found if entry.about.get("has_clock") and not entry.settings.get("own_clock")]
         cells += [(entry, task, OWN_CLOCK) for task in todo for entry in slowing]
-        cells += [(entry, task, NO_HINTS) for task in tasks.unhinted(folder / "tasks", todo, _armplane) for entry in found]
+        cells += [(entry, task, NO_HINTS) for task in tasks.unhinted(todo) for entry in found]
     if asked.varied:
         own = [entry for entry in found if not entry.name.endswith(TUNED)]
         cells += [(entry, task, condition) for task in todo if task.is_varied for condition in DATA["varied"] for entry in own]
@@ -486,7 +486,7 @@ def compete(asked):
     table.hold()
     if asked.tune:
         found += tuned(found, table, folder, asked.jobs)
-    cells = [(entry, task, BASE) for task in todo for entry in found] + conditions(asked, found, todo, folder)
+    cells = [(entry, task, BASE) for task in todo for entry in found] + conditions(asked, found, todo)
     rows = judged(table.fill(cells, asked.jobs))
     found_hash = digest(rows)
     command = shlex.join(["armplane", "arena", *sys.argv[1:]])
