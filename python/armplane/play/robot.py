@@ -13,12 +13,13 @@ TRIES, MARGIN = 4000, 0.1
 
 
 class Robot:
-    """From the job of a run. `reach`: the length of its links, m."""
+    """From the job of a run. `links`: of its file, as `armplane.Arm` has the `frames`; `base`: the first of them; `reach`: the arm's length, m."""
 
     def __init__(self, job):
         self.job, source = job, job["robot"]
         self.arm = arm_of(source["urdf"], source["description"], job["scenario"]["frame"] or None)
-        self.name, self.dof = source["name"], self.arm.dof
+        self.name, self.dof, self.links = source["name"], self.arm.dof, self.arm.frames
+        self.base = next(iter(self.links))
         bounded = lambda values, usual: np.where(np.isfinite(values), values, usual)
         self.lower = bounded(self.arm.lower, -np.pi)
         self.upper = bounded(self.arm.upper, np.pi)
