@@ -31,6 +31,7 @@ try:
     import pyarrow
     from pyarrow import parquet
 
+    from .. import _armplane
     from . import page, picture
 except ImportError as error:
     # Its help can be read without them.
@@ -240,10 +241,8 @@ def after_delay(row):
     if "joint stop" in row.get("missed", "") and row["stopped_ticks"] <= DATA["varied"][LATE]["fault"][0]["delay_ticks"]:
         missed = [one for one in row["missed"].split(", ") if one != "joint stop"]
         row["missed"], row["s2"] = ", ".join(missed), not missed
-        from .._armplane import orthogonal_bar_deg
-
         # S1: as narrow as S2 but for the orientation, and free along ζ.
-        row["s1"] = not set(missed) - {"along"} and row["orthogonal_max_deg"] <= orthogonal_bar_deg()
+        row["s1"] = not set(missed) - {"along"} and row["orthogonal_max_deg"] <= _armplane.orthogonal_bar_deg()
     return row
 
 
@@ -290,11 +289,8 @@ def check(file):
 
 def identity():
     """Everything that a row depends on besides its law and task: the program and its module, this package, and the versions of the others' packages."""
-    here = Path(__file__).parent
-    from .. import _armplane as module
-
-    files = [Path(_program()), Path(module.__file__), *(here / name for name in ("arm.py", "host.py", "laws.py")), *(here.parent / name for name in ("mjcf.py", "mujoco.py", "rotation.py"))]
-    return [*(hashlib.sha256(file.read_bytes()).hexdigest() for file in files), versions()]
+    here, programs = Path(__file__).parent, (_program(), _armplane.__file__)
+    return [*(hashlib.sha256(Path(file).read_bytes()).hexdigest() for file in programs), sources(here), sources(here.parent), versions()]
 
 
 def versions():
@@ -308,7 +304,7 @@ def versions():
 
 @functools.cache
 def sources(folder):
-    """The Python files beside an opponent, which it may import."""
+    """A hash of the Python files of a folder: an opponent may import those beside it."""
     return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(folder.glob("*.py")))).hexdigest()
 
 

@@ -1,7 +1,7 @@
 """Runs an opponent's file as the controller of a run: `python -m armplane.arena.host FILE.py`; without a run it loads the file, and says what is missing.
 
     ARMPLANE_ARENA         JSON object of attributes laid over the class's own: {"k_p": 400}
-    ARMPLANE_ARENA_COST    file to which a line is added at the end: ticks, and microseconds that the law took for one
+    ARMPLANE_ARENA_COST    file to which a line is added at the end: microseconds that the law took for a tick
 """
 
 import importlib.util
@@ -111,7 +111,7 @@ class Host(armplane.Controller):
             # The first tick may compile.
             median, late = np.quantile(np.array(self.times[1:] or self.times) / 1e3, [0.5, 0.99]).tolist()
             with open(file, "a") as out:
-                print(json.dumps({"ticks": len(self.times), "median_us": median, "p99_us": late, "first_ms": self.times[0] / 1e6}), file=out)
+                print(json.dumps({"median_us": median, "p99_us": late, "first_ms": self.times[0] / 1e6}), file=out)
 
 
 def main():

@@ -381,7 +381,7 @@ class Page:
         state = {
             "mode": mode, "robot": session.robot.name, "run": session.run, "target": ball.tolist(), "hand": [*seen["plant_state"].p_BE],
             "nearest": seen["servo_state"].nearest, "arrivals": self.hand.arrivals, "places": [*self.postures], "ghost": ghost is not None,
-            "refused": self.refused, "camera": self.scene.camera(clients[viewer]) if viewer in self.scene.sent else None, "pace": pace,
+            "refused": self.refused, "camera": self.scene.camera(clients[viewer]) if viewer in self.scene.sent else None
         }  # fmt: skip
         self.html.content = panel.page(session.robot, seen, ghost, ball, "\n".join(self.story), foot, state)
 
