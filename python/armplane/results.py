@@ -73,7 +73,6 @@ def _armplane(*arguments):
     done = subprocess.run([_program(), *map(str, arguments)], capture_output=True, text=True)
     if done.returncode not in (0, 1) or not done.stdout.strip():
         raise RuntimeError(_sentence(done.stderr) or f"armplane {arguments[0]} ended with exit code {done.returncode}")
-    return done.stdout, done.stderr
 
 
 class Run:
