@@ -58,16 +58,16 @@ class Host(armplane.Controller):
         """Loads the law for the arm and as much of the scenario."""
         self.law, self.times, self.settle = load(sys.argv[1])(), [], scenario["settle_s"]
         self.law.begin(Arm(self.mjcf()), self.dt, scenario)
+        # In place, as arrays: a tick is short.
+        array, topics, n = np.ctypeslib.as_array, self.topics, self.dof
+        self.q, self.qdot, self.tau = (array(values)[:n] for values in (topics["estimate"].q, topics["estimate"].qdot, topics["torque"].tau))
+        self.R_d, self.p_d, self.V_d = (array(getattr(topics["control_state"], name)) for name in ("R_BE_d", "p_BE_d", "V_BE_d"))
 
     def setup(self):
         # What may be varied is not for the law to know.
         known = {key: value for key, value in self.job["scenario"].items() if key not in ("plant", "estimator", "fault", "seed")}
         self.begin(known)
         self.path = armplane.Reference(json.dumps(self.job))
-        # In place, as arrays: a tick is short.
-        array, topics, n = np.ctypeslib.as_array, self.topics, self.dof
-        self.q, self.qdot, self.tau = (array(values)[:n] for values in (topics["estimate"].q, topics["estimate"].qdot, topics["torque"].tau))
-        self.R_d, self.p_d, self.V_d = (array(getattr(topics["control_state"], name)) for name in ("R_BE_d", "p_BE_d", "V_BE_d"))
         self.pressing, self.wrist, name = Pressing(self.dt), self.topics.get("wrist_force"), type(self.law).__name__
         if any(segment.get("force") for segment in known["segment"]):
             if not self.law.presses:
