@@ -30,9 +30,9 @@ __dir__ = lambda: __all__
 def subscribe(topic, run=None):
     """Listens to a topic of a run in progress, from outside: `for torque in armplane.subscribe("torque"): ...` (needs iceoryx2)."""
     with extra("live"):
-        from .live import Subscriber
+        from . import live
 
-    return Subscriber(topic, run)
+    return live.subscribe(topic, run)
 
 
 def __getattr__(name):

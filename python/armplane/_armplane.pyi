@@ -21,6 +21,7 @@ class Arm:
     task: list[bool]
     postures: dict[str, list[float]]
     notes: list[str]
+    frames: dict[str, tuple[int | None, _Doubles]]
     @staticmethod
     def from_mujoco(model: object, site: str | None = None, description: str | PathLike[str] | None = None) -> Arm: ...
     @staticmethod

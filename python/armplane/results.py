@@ -14,6 +14,8 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
+from . import wire
+
 INSTALL = "pip install the wheel that `python/build` makes (docs/python.md) with its extra [{}]"
 
 
@@ -71,7 +73,6 @@ def _armplane(*arguments):
     done = subprocess.run([_program(), *map(str, arguments)], capture_output=True, text=True)
     if done.returncode not in (0, 1) or not done.stdout.strip():
         raise RuntimeError(_sentence(done.stderr) or f"armplane {arguments[0]} ended with exit code {done.returncode}")
-    return done.stdout, done.stderr
 
 
 class Run:
@@ -92,11 +93,23 @@ class Run:
         return self.summary["outcome"] == "goal reached"
 
     def messages(self, topic):
-        """Every message of a topic, as a structured `numpy` array: `run.messages("torque")["tau"]`."""
-        with extra("messages"):
-            from . import messages
+        """Every message of a topic, in order: a structured `numpy` array with the fields of `armplane.wire`, nested ones too, `run.messages("torque")["tau"]`.
 
-        return messages.read(self.folder / "messages.mcap", topic)
+        Raises ValueError where the messages are of another layout. `armplane replay` and `armplane recover` say what a log lacks.
+        """
+        with extra("messages"):
+            import numpy
+            from mcap.reader import make_reader
+
+        if topic not in wire.TOPICS:
+            raise KeyError(f"there is no topic {topic!r}: there are {', '.join(wire.TOPICS)}")
+        (structure, type_name, _), path = wire.TOPICS[topic], self.folder / "messages.mcap"
+        dtype = numpy.dtype(structure)
+        with open(path, "rb") as file:
+            rows = [message.data[4:] for _, _, message in make_reader(file, validate_crcs=True).iter_messages([f"/{topic}"], log_time_order=False)]
+        if any(len(row) != dtype.itemsize for row in rows):
+            raise ValueError(f"{path} holds no {type_name}: use the package of the armplane that made the run")
+        return numpy.frombuffer(b"".join(rows), dtype)
 
     def arrow(self, table="signals"):
         """The signals, one row per tick (or "events"), as a `pyarrow.Table`. Each field's metadata has `unit` and `description`."""

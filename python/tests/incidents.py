@@ -285,7 +285,7 @@ class Law:
         error = np.r_[p - here, 0.5 * np.array([D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1]])]
         F = np.linalg.inv(J @ np.linalg.solve(M, J.T) + 1e-3 * np.eye(6)) @ (100 * error + 20 * (V - J @ drive.data.qvel))
         (u, S), off = arm.lost(q), error / arm.scale
-        self.feel(t, S[5] < 0.06 and norm(off) > max(0.15, 0) and abs(u @ off) > 0.8 * norm(off), 0.1 + 1e-9)
+        self.feel(t, S[5] < 0.06 and norm(off) > 0.15 and abs(u @ off) > 0.8 * norm(off), 0.1 + 1e-9)
         return drive.data.qfrc_bias + J.T @ F - M @ (0.5 * drive.data.qvel)
 
 

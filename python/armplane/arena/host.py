@@ -1,7 +1,7 @@
 """Runs an opponent's file as the controller of a run: `python -m armplane.arena.host FILE.py`; without a run it loads the file, and says what is missing.
 
     ARMPLANE_ARENA         JSON object of attributes laid over the class's own: {"k_p": 400}
-    ARMPLANE_ARENA_COST    file to which a line is added at the end: ticks, and microseconds that the law took for one
+    ARMPLANE_ARENA_COST    file to which a line is added at the end: microseconds that the law took for a tick
 """
 
 import importlib.util
@@ -58,16 +58,16 @@ class Host(armplane.Controller):
         """Loads the law for the arm and as much of the scenario."""
         self.law, self.times, self.settle = load(sys.argv[1])(), [], scenario["settle_s"]
         self.law.begin(Arm(self.mjcf()), self.dt, scenario)
+        # In place, as arrays: a tick is short.
+        array, topics, n = np.ctypeslib.as_array, self.topics, self.dof
+        self.q, self.qdot, self.tau = (array(values)[:n] for values in (topics["estimate"].q, topics["estimate"].qdot, topics["torque"].tau))
+        self.R_d, self.p_d, self.V_d = (array(getattr(topics["control_state"], name)) for name in ("R_BE_d", "p_BE_d", "V_BE_d"))
 
     def setup(self):
         # What may be varied is not for the law to know.
         known = {key: value for key, value in self.job["scenario"].items() if key not in ("plant", "estimator", "fault", "seed")}
         self.begin(known)
         self.path = armplane.Reference(json.dumps(self.job))
-        # In place, as arrays: a tick is short.
-        array, topics, n = np.ctypeslib.as_array, self.topics, self.dof
-        self.q, self.qdot, self.tau = (array(values)[:n] for values in (topics["estimate"].q, topics["estimate"].qdot, topics["torque"].tau))
-        self.R_d, self.p_d, self.V_d = (array(getattr(topics["control_state"], name)) for name in ("R_BE_d", "p_BE_d", "V_BE_d"))
         self.pressing, self.wrist, name = Pressing(self.dt), self.topics.get("wrist_force"), type(self.law).__name__
         if any(segment.get("force") for segment in known["segment"]):
             if not self.law.presses:
@@ -111,7 +111,7 @@ class Host(armplane.Controller):
             # The first tick may compile.
             median, late = np.quantile(np.array(self.times[1:] or self.times) / 1e3, [0.5, 0.99]).tolist()
             with open(file, "a") as out:
-                print(json.dumps({"ticks": len(self.times), "median_us": median, "p99_us": late, "first_ms": self.times[0] / 1e6}), file=out)
+                print(json.dumps({"median_us": median, "p99_us": late, "first_ms": self.times[0] / 1e6}), file=out)
 
 
 def main():

@@ -32,7 +32,7 @@ class Steered(Host):
 
     def control(self, tick, estimate, singularity, state, torque):
         n, target = self.dof, self.topics["target"].target
-        q, qdot = np.array(estimate.q[:n]), np.array(estimate.qdot[:n])
+        q, qdot = self.q.copy(), self.qdot.copy()
         age = (tick - target.given_tick) * self.dt
         kind = target.kind if age <= target.valid_s else wire.TARGET_NONE
         if kind == wire.TARGET_POSTURE:

@@ -43,36 +43,35 @@ def _hash(content):
 
 @dataclass
 class Task:
-    """A scenario: its name, group, and `argument`, a built-in name or a file of this `text`. `is_varied`: whether payload, noise and delay are varied on it.
-    `known`: what its hash is of, where that is not the text."""
+    """A scenario: its name, group and text; a built-in one has no text. `is_varied`: whether payload, noise and delay are varied on it. `known`: what its hash is
+    of, where that is neither the text nor the name."""
 
     name: str
     group: str
-    argument: str
-    text: str
+    text: str = ""
     is_varied: bool = False
     known: str = ""
 
     @property
     def hash(self):
-        return _hash((self.known or self.text).encode())[:16]
+        return _hash((self.known or self.text or self.name).encode())[:16]
 
     def copied(self, folder):
-        """What a run is given: the built-in name, or a file of its own, because an opponent may have written to the one that all share."""
-        if self.argument == self.name:
-            return self.argument
+        """What a run is given: the built-in name, or a file of its own: an opponent may write to one that all share."""
+        if not self.text:
+            return self.name
         path = Path(folder) / f"{self.name}.toml"
         path.write_text(self.text)
         return str(path)
 
 
 def make(folder, size="short", seed=TEST, arms=None, most=math.inf):
-    """The tasks of a size as files in `folder`, `most` lines of a kind and arm, and the arms left out; only the lines of another seed than that of the table."""
+    """The tasks of a size, `most` lines of a kind and arm, and the arms left out; only the lines of another seed than that of the table. `folder` keeps arms and lines."""
     folder = Path(folder).resolve()
     folder.mkdir(parents=True, exist_ok=True)
     asked, tasks = DATA["sizes"][size], []
     for name in asked.get("scenarios", [*DATA["paper"], *PUBLISHED]) if seed == TEST else ():
-        tasks.append(Task(name, "paper", name, name) if name in DATA["paper"] else _task(folder, name, "published", None, PUBLISHED[name].read_text()))
+        tasks.append(Task(name, "paper") if name in DATA["paper"] else Task(name, "published", PUBLISHED[name].read_text()))
     arms = arms or [*DATA["arms"]][: asked["arms"]]
     files = {arm: _file(arm, folder) for arm in arms}
     skipped = {arm: "the package robosuite is missing" for arm, file in files.items() if file is None}
@@ -83,26 +82,21 @@ def make(folder, size="short", seed=TEST, arms=None, most=math.inf):
     return tasks, skipped
 
 
-def unhinted(folder, tasks, armplane):
+def unhinted(tasks):
     """The tasks with hints, without them, under the same names: the hand goes the same way, and no word says in which posture."""
-    folder = Path(folder) / "no-hints"
-    folder.mkdir(parents=True, exist_ok=True)
     out = []
     for task in tasks:
-        kept = folder / f"{task.name}-hinted"
         if task.group != "paper":
             continue
-        if not kept.is_dir():
-            armplane("run", task.argument, "--no-record", "--out", kept)
-        # Without the comment of its first line, which refuses a changed file.
-        text = (kept / "scenario.toml").read_text().partition("\n")[2]
+        with tempfile.TemporaryDirectory() as folder:
+            run = armplane.run(task.name, out=Path(folder, "run"), record=False)
+            # Without the comment of its first line, which refuses a changed file.
+            text = (run.folder / "scenario.toml").read_text().partition("\n")[2]
         bare = re.sub(r"^branch = .*$", "branch = 0", text, flags=re.MULTILINE)
         # A hand that stands still meanwhile, for as long.
         bare = re.sub(r"^(duration_s = .*\n(?:\w.*\n)*)\n\[segment.reorient\]\n(?:\w.*\n)+", r"\1by_m = [0.0, 0.0, 0.0]\n", bare, flags=re.MULTILINE)
         if bare != text:
-            path = folder / f"{task.name}.toml"
-            path.write_text(bare)
-            out.append(Task(task.name, task.group, str(path), bare))
+            out.append(Task(task.name, task.group, bare))
     return out
 
 
@@ -145,7 +139,8 @@ def _lines(folder, arm, file, kinds, seed):
             if off:
                 draw = random.Random(f"{seed} {short} {path.stem}")
                 text = _set(text, "q", lambda value: value + draw.uniform(-off, off))
-            out[-1].append(_task(folder, f"{short}-{kind}-{path.stem[5:]}", kind, file, text, kind == "usual" and place < VARIED))
+            # The place of an arm's file is this machine's; its text is the task's.
+            out[-1].append(Task(f"{short}-{kind}-{path.stem[5:]}", kind, text, kind == "usual" and place < VARIED, text.replace(*file)))
     return out
 
 
@@ -169,10 +164,3 @@ def _set(text, key, change):
     if count != 1:
         raise ValueError(f"a saved line has no key `{key}`: another version of armplane?")
     return text
-
-
-def _task(folder, name, group, arm, text, is_varied=False):
-    path = folder / f"{name}.toml"
-    path.write_text(text)
-    # The place of an arm's file is this machine's; its text is the task's.
-    return Task(name, group, str(path), text, is_varied, text.replace(*arm) if arm else text)

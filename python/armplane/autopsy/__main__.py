@@ -5,7 +5,7 @@ import pathlib
 import sys
 
 from ..limited import Ended, limited
-from ..results import INSTALL, Parser
+from ..results import Parser, extra
 
 
 def arguments():
@@ -51,22 +51,19 @@ def worst(one):
 def main():
     options = arguments()
     try:
-        import armplane
+        with extra("autopsy"):
+            import armplane
 
-        armplane.Arm  # of the extension module
-        from . import ROLES, LogError
-        from .logs import find
-    except ImportError as error:
-        print(f"armplane: {error}: {INSTALL.format('autopsy')}", file=sys.stderr)
-        return 2
-    try:
+            armplane.Arm  # of the extension module
+            from . import ROLES
+            from .logs import find
         mapping = {role: columns.split(",") for role, _, columns in (text.partition("=") for text in options.map)}
         if wrong := next((text for text in options.map if "=" not in text or text.partition("=")[0] not in ROLES), None):
-            raise LogError(f"--map {wrong} is not ROLE=COLUMN,…; the roles are {', '.join(ROLES)}")
+            raise ValueError(f"--map {wrong} is not ROLE=COLUMN,…; the roles are {', '.join(ROLES)}")
         found = [one for path in options.logs for one in find(path)]
         if options.picture and len(found) > 1:
             pathlib.Path(options.picture).mkdir(parents=True, exist_ok=True)
-    except (LogError, OSError) as error:
+    except (ImportError, ValueError, OSError) as error:
         print(f"armplane: {error}", file=sys.stderr)
         return 2
     answers = []

@@ -40,21 +40,13 @@ def main():
         armplane.trial  # of the extension module
         from armplane import experiments
 
-        experiments.sweep, experiments.figures, experiments.steered
-    except ImportError as error:
-        return _refuse(error)
-    try:
         return {"sweep": _sweep, "report": _report, "figures": _figures, "steered": _steered}[options.command](experiments, options)
     except (ValueError, OSError, ImportError) as error:
-        return _refuse(error)
+        print(f"armplane: {error}", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         print(f"armplane: stopped; the same command {'goes on' if options.command == 'sweep' else 'begins anew'}", file=sys.stderr)
         return 130
-
-
-def _refuse(error):
-    print(f"armplane: {error}", file=sys.stderr)
-    return 2
 
 
 def _sweep(experiments, options):
@@ -79,9 +71,9 @@ def _sweep(experiments, options):
 
 
 def _report(experiments, options):
+    result = experiments.report(options.folder, options.by, options.map, options.worst)
     from .reports import text
 
-    result = experiments.report(options.folder, options.by, options.map, options.worst)
     print(json.dumps(result) if options.json else f"{text(result)}\n\n{options.folder}\n  report.svg, .pdf, .png and .json")
     return 0
 

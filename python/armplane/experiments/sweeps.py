@@ -54,7 +54,7 @@ class Range:
         return self.at(share, whole)
 
 
-def sweep(scenario, space, runs=None, method="grid", *, seed=1, settings=None, out=None, client=None, jobs=-1, chunk=None, progress=None, run=trial):
+def sweep(scenario, space, runs=None, method="grid", *, seed=1, settings=None, out=None, client=None, jobs=-1, progress=None, run=trial):
     """Runs a scenario at each point of a space, and returns the table: a row per run, with its number, keys, `outcome` and all numbers of `trial`.
 
     `space` gives each key of the scenario a list of values or a `Range`. `method` is "grid" (every combination; the last key varies fastest), "random" or
@@ -66,7 +66,7 @@ def sweep(scenario, space, runs=None, method="grid", *, seed=1, settings=None, o
     if out is not None and Path(out).is_file():
         raise ValueError(f"out: {out} is a file, not a folder")
     points = draw(scenario, space, runs, method, seed, settings)
-    chunk = chunk or min(max(math.ceil(len(points) / 64), 8), 1000)
+    chunk = min(max(math.ceil(len(points) / 64), 8), 1000)
     chunks = {i: points[i : i + chunk] for i in range(0, len(points), chunk)}
     plan = {"scenario": str(scenario), "settings": settings or {}, "space": space, "method": method, "seed": seed, "runs": len(points), "chunk": chunk}
     parts = {i: Path(out) / f"runs-{i:08}.parquet" for i in chunks} if out is not None else {}

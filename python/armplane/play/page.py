@@ -4,7 +4,6 @@ import collections
 import contextlib
 import io
 import logging
-import pathlib
 import queue
 import socket
 import sys
@@ -63,7 +62,7 @@ class Page:
         self.driver, self.touched, self.refused, self.notices = None, monotonic(), 0, {}
         # Browsers whose camera stays as a person has turned it, until the arm gets something to do.
         self.turned = set()
-        self.subject, self.settings, self.law, self.home = given.subject, [], None, None
+        self.subject, self.law, self.home = given.subject, None, None
         self.session, self.ghost, self.hand, self.scene = None, None, None, None
         self.failures, self.ended, self.said, self.kept = 0, [], monotonic(), {}
         # viser prints a box with addresses, without the token.
@@ -235,7 +234,7 @@ class Page:
         """A new run in the posture `start`, or in the arm's own; the ghost begins beside it."""
         self._end(self.session, kept)
         self.hand = None
-        self.session = Session(self.subject, *self.room, start, self.law, self.settings)
+        self.session = Session(self.subject, *self.room, start, self.law)
         self._race(start)
 
     def _race(self, start):
@@ -244,7 +243,7 @@ class Page:
         if self.scene:
             self.scene.remove_ghost()
         if law != NOBODY:
-            self.ghost = Session(self.subject, *self.room, start, law, self.settings)
+            self.ghost = Session(self.subject, *self.room, start, law)
 
     def _end(self, session, kept=None):
         if session:
@@ -257,7 +256,7 @@ class Page:
 
     def _change_arm(self, name):
         if name in Arm.names():
-            self.subject, self.home, self.settings = name, None, []
+            self.subject, self.home = name, None
             self.story.append(f"{name}.{' The race begins anew.' if self.ghost else ''}")
             self._begin(None)
 
@@ -382,7 +381,7 @@ class Page:
         state = {
             "mode": mode, "robot": session.robot.name, "run": session.run, "target": ball.tolist(), "hand": [*seen["plant_state"].p_BE],
             "nearest": seen["servo_state"].nearest, "arrivals": self.hand.arrivals, "places": [*self.postures], "ghost": ghost is not None,
-            "refused": self.refused, "camera": self.scene.camera(clients[viewer]) if viewer in self.scene.sent else None, "pace": pace,
+            "refused": self.refused, "camera": self.scene.camera(clients[viewer]) if viewer in self.scene.sent else None
         }  # fmt: skip
         self.html.content = panel.page(session.robot, seen, ghost, ball, "\n".join(self.story), foot, state)
 
@@ -396,20 +395,14 @@ class Page:
         self.own, self.sliders, self.postures, self.home = [], [], {}, session.q
         floor = scenario["plant"].get("floor_m") or 0.0
         self.scene = Scene(self.server, robot, floor, session.q)
-        if why := robot.body.lacking:
-            self.story.append(f"Simpler shapes are drawn, for a mesh cannot be read: {why}")
+        if lacking := robot.solids["lacking"]:
+            self.story.append(lacking)
         if robot.name not in self.arms.options:
             self.arms.options = (*self.arms.options, robot.name)
         self.kept |= {"arm": robot.name, "law": scenario["control"]["strategy"]}
         self.arms.value, self.laws.value = self.kept["arm"], self.kept["law"]
         self._on(self.scene.target.on_update, self._on_target)
         self._on(self.scene.grip.on_drag("left"), self._on_grip)
-        if self.subject not in Arm.names():
-            # A scenario's robot, from now on without its path.
-            name, beside = scenario["robot"], pathlib.Path(self.subject).parent
-            file = beside / name if self.subject.endswith(".toml") else self.subject
-            self.subject = name if name in Arm.names() else str(file)
-            self.settings = [f"frame={scenario['frame']}"] if scenario["frame"] else []
         threading.Thread(target=self._search, args=(robot, session.q), daemon=True).start()
 
     def _announce(self):

@@ -1,68 +1,37 @@
 """The arm of a run as the page needs it: its frames, its limits, postures near singularities."""
 
 import functools
-from xml.etree import ElementTree
+import json
 
 import numpy as np
 
-from ..rotation import rotation_exp
+from .. import _armplane
 from ..trials import arm_of
 
 # Postures among which those near singularities are chosen, and their distance from joint limits.
 TRIES, MARGIN = 4000, 0.1
 
 
-def numbers(element, key, usual=""):
-    return np.array(element.get(key, usual).split(), float)
-
-
-def origin(element):
-    """The pose that a URDF's `origin` states, (4, 4)."""
-    found, X = element.find("origin"), np.eye(4)
-    if found is not None:
-        for axis, angle in zip(np.eye(3), numbers(found, "rpy", "0 0 0")):
-            X[:3, :3] = rotation_exp(angle * axis) @ X[:3, :3]
-        X[:3, 3] = numbers(found, "xyz", "0 0 0")
-    return X
-
-
-def links(robot, joints):
-    """Of each link of a URDF's tree: the place in `joints` of the joint that moves it, -1 for the base, and its pose behind that joint."""
-    joint_to = {one.find("child").get("link"): one for one in robot.findall("joint")}
-
-    def place(name):
-        joint = joint_to.get(name)
-        if joint is None or joint.get("name") in joints:
-            return -1 if joint is None else joints.index(joint.get("name")), np.eye(4)
-        number, X = place(joint.find("parent").get("link"))
-        return number, X @ origin(joint)
-
-    return {link.get("name"): place(link.get("name")) for link in robot.findall("link")}
-
-
 class Robot:
-    """From the job of a run. `tree`: its URDF; `links`: of each link, as [`links`] has it; `tips`: the end of each moving link, m."""
+    """From the job of a run. `links`: of its file, as `armplane.Arm` has the `frames`; `base`: the first of them; `reach`: the arm's length, m."""
 
     def __init__(self, job):
-        source = job["robot"]
+        self.job, source = job, job["robot"]
         self.arm = arm_of(source["urdf"], source["description"], job["scenario"]["frame"] or None)
-        self.name, self.folder, self.dof, self.tree = source["name"], source["folder"], self.arm.dof, ElementTree.fromstring(source["urdf"].encode())
-        self.links = links(self.tree, self.arm.joints)
+        self.name, self.dof, self.links = source["name"], self.arm.dof, self.arm.frames
+        self.base = next(iter(self.links))
         bounded = lambda values, usual: np.where(np.isfinite(values), values, usual)
         self.lower = bounded(self.arm.lower, -np.pi)
         self.upper = bounded(self.arm.upper, np.pi)
         middle = (self.lower + self.upper) / 2
         self.singular_names = [one.name for one in self.arm.singularities(middle)]
-        frames = np.concatenate([np.eye(4)[None], self.frames(middle)])
-        self.tips = np.einsum("nji,nj->ni", frames[:-1, :3, :3], np.diff(frames[:, :3, 3], axis=0))
-        self.reach = float(np.linalg.norm(self.tips, axis=1).sum())
+        ends = self.frames(middle)[:, :3, 3]
+        self.reach = float(np.linalg.norm(np.diff(ends, axis=0, prepend=np.zeros((1, 3))), axis=1).sum())
 
     @functools.cached_property
-    def body(self):
-        # ROS 2 needs no shapes, and has no trimesh.
-        from .body import Body
-
-        return Body(self)
+    def solids(self):
+        """What is drawn of it (`viz/src/solids.rs`). Only the page reads meshes."""
+        return json.loads(_armplane.solids(json.dumps(self.job)))
 
     def frames(self, q):
         """Poses of the links and, last, of the end-effector in the base, (n + 1, 4, 4)."""

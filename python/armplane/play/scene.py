@@ -8,9 +8,8 @@ from numpy.linalg import norm
 from viser.transforms import SO3
 
 from .. import wire
-from ..rotation import rotation_exp
 
-STAND, HAND, ZETA = (62, 74, 98), (250, 204, 60), (255, 66, 200)
+HAND, ZETA = (250, 204, 60), (255, 66, 200)
 GHOST, ALARM, TRAIL, ELLIPSOID = (255, 160, 72), (255, 60, 60), (150, 190, 255), (90, 200, 190)
 # |s| over η_out from which on ζ is drawn.
 ZETA_SHOWN = 2
@@ -20,34 +19,45 @@ TRAIL_POINTS = 60
 BESIDE, ABOVE = np.array([[-0.85, -0.8], [0.2, 0.8]]), np.array([[-0.7, 0.1], [0.7, 0.8]])
 # The share of its way that a camera goes in a picture.
 CALM = 0.08
+# A mesh of more triangles is drawn coarser: its corners on a grid of so many steps.
+MOST, STEPS = 5_000, 60
 
 
 def quaternion(R):
     return SO3.from_matrix(R).wxyz
 
 
+def _triangles(corners):
+    """Corners and faces of a mesh; one of more than MOST triangles is drawn coarser."""
+    mesh = trimesh.Trimesh(corners.reshape(-1, 3), np.arange(len(corners) // 3).reshape(-1, 3))
+    if len(mesh.faces) > MOST:
+        grain = mesh.extents.max() / STEPS
+        mesh.vertices = np.round(mesh.vertices / grain) * grain
+        mesh.merge_vertices()
+        mesh.update_faces(mesh.nondegenerate_faces() & mesh.unique_faces())
+    return mesh.vertices, mesh.faces
+
+
 class Arm:
-    """The parts of each link hang on a frame that moves."""
+    """The pieces of each link hang on a frame that moves."""
 
     def __init__(self, scene, name, robot, **look):
         self.robot, self.parts = robot, []
-        links = range(robot.dof)
-        self.frames = [scene.add_frame(f"{name}/{i}", show_axes=False) for i in links]
-        for k, (link, X, kind, sizes, colour) in enumerate(robot.body.parts):
-            place = {"wxyz": quaternion(X[:3, :3]), "position": X[:3, 3]}
-            self._draw(scene, f"{name}/{link}/{k}", kind, sizes, {"color": colour, **place, **look})
+        self.frames = [scene.add_frame(f"{name}/{i}", show_axes=False) for i in range(robot.dof)]
+        for k, one in enumerate(robot.solids["pieces"]):
+            own = {key: tuple(one[key]) for key in ("color", "position", "wxyz")}
+            self._draw(scene, f"{name}/{one['joint']}/{k}", one["form"], np.array(one["sizes"]), {**own, **look})
 
-    def _draw(self, scene, name, kind, sizes, look):
-        if kind == "box":
+    def _draw(self, scene, name, form, sizes, look):
+        if form == "box":
             part = scene.add_box(name, dimensions=sizes, **look)
-        elif kind == "sphere":
-            part = scene.add_icosphere(name, *sizes, **look)
-        elif kind == "mesh":
-            part = scene.add_mesh_simple(name, *sizes, flat_shading=True, **look)
+        elif form == "mesh":
+            part = scene.add_mesh_simple(name, *_triangles(sizes), flat_shading=True, **look)
         else:
-            radius, length = sizes
+            radius, length = sizes.tolist()
             part = scene.add_cylinder(name, radius, length, **look)
-            for end in (-length / 2, length / 2) if kind == "capsule" else ():
+            # One cap for a ball.
+            for end in {-length / 2, length / 2} if form == "capsule" else ():
                 cap = look | {"position": (0, 0, end), "wxyz": (1, 0, 0, 0)}
                 self.parts.append(scene.add_icosphere(f"{name}/{end}", radius, **cap))
         self.parts.append(part)
@@ -70,15 +80,13 @@ class Scene:
         # Shadows would cost three pictures a picture, and the software renderer the run's time.
         scene.configure_default_lights(cast_shadow=False)
         x, y, _ = robot.frames(start)[-1, :3, 3]
-        self.around = rotation_exp(np.array([0, 0, np.arctan2(y, x)])) * reach
+        self.around = SO3.from_z_radians(np.arctan2(y, x)).as_matrix() * reach
         # Where each browser's camera has been sent, and from there to what it looks at, m.
         self.sent, self.gaze = {}, {}
         for client in server.get_clients().values():
             self.aim(client)
         grey, light = (42, 48, 60), (64, 72, 90)
         scene.add_grid("/floor", 6 * reach, 6 * reach, cell_size=reach / 10, section_size=reach / 2, position=(0, 0, floor), cell_color=grey, section_color=light)
-        if floor < -0.05 * reach:
-            scene.add_cylinder("/pedestal", 0.07 * reach, -floor, STAND, position=(0, 0, floor / 2))
         self.arm, self.ghost = Arm(scene, "/arm", robot), None
         self.target = scene.add_transform_controls("/target", scale=0.16 * reach, line_width=3.0, disable_sliders=True, depth_test=False, opacity=0.9)
         self.grip = scene.add_icosphere("/target/grip", 0.048 * reach, HAND)

@@ -16,10 +16,9 @@ from contextlib import suppress
 
 import numpy as np
 
-from .. import Arm
 from ..arena import OPPONENTS
 from ..joined import Joined, ProcessError
-from ..results import _program
+from ..results import _program, as_settings
 from .robot import Robot
 
 # A run that a killed page has not joined ends after a minute.
@@ -41,33 +40,25 @@ writes = ["servo_state", "control_state", "torque"]
 LONGEST_S = 600
 
 
-def standing(folder, arm, q):
-    """The file of a steered scenario in which an arm, a built-in one or that of a file, stands at `q`, rad and m. `--start` has no metres."""
-    robot = arm if arm in Arm.names() else os.path.abspath(arm)
-    file = folder / "start.toml"
-    file.write_text(f'name = "play"\nrobot = {json.dumps(robot)}\n[start]\nq = {[float(x) for x in q]}\n[servo]\ninput = "-"\n')
-    return file
-
-
 class Session:
     """One process graph. Its processes hold the file `keeper` open: while one of them lives,
     nobody removes what they use."""
 
-    def __init__(self, subject, folder, keeper, start=None, law=None, settings=()):
+    def __init__(self, subject, folder, keeper, start=None, law=None):
+        """`start`: the posture in which it begins, rad and m; `None` for the subject's own."""
         self.folder = pathlib.Path(tempfile.mkdtemp(dir=folder))
         self.law, self.began, self.lines = law, time.monotonic(), collections.deque(maxlen=50)
         # Of the arm; and of the last tick, by topic: `None` until there has been one.
         self.robot, self.job, self.run, self.seen = None, None, None, None
-        graph, settings = self.folder / "graph.toml", [*settings]
+        graph, settings = self.folder / "graph.toml", {} if start is None else {"start": {"q": start}}
         if law in OPPONENTS:
             program = [sys.executable, "-m", "armplane.arena.steered", str(OPPONENTS[law])]
             graph.write_text(GRAPH + FOREIGN.format(json.dumps(program)))
         else:
             graph.write_text(GRAPH)
-            settings += [f"control.strategy={law}"] if law else []
-        subject = subject if start is None else standing(self.folder, subject, start)
+            settings |= {"control.strategy": law} if law else {}
         command = [_program(), "servo", subject, "--from=-", f"--graph={graph}", f"--out={self.folder / 'run'}", f"--duration={LONGEST_S}"]
-        command += [f"--set={one}" for one in settings]
+        command += [f"--set={one}" for one in as_settings(settings)]
         # In a session of its own: Ctrl-C in the terminal is for the page. If the page is killed, the targets end, and so does the run.
         self.process = subprocess.Popen(
             command, text=True, stdin=subprocess.PIPE, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, start_new_session=True, pass_fds=[keeper]

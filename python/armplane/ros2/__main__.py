@@ -12,7 +12,7 @@ try:
 
     from ..play.robot import Robot
     from .door import open_door
-    from .servo import REST, Commands, Frames, quaternion
+    from .servo import REST, Commands, quaternion
 except ImportError as error:
     sys.exit(f"{error}: pip install the wheel that `python/build` makes, for the Python {sys.executable}")
 
@@ -54,12 +54,11 @@ class Ros2(Observer):
     def setup(self):
         self.given = options(sys.argv[1] if len(sys.argv) > 1 else "")
         self.robot, self.door = Robot(self.job), open_door("network" in self.given)
-        self.frames = Frames(self.robot)
         self.names, self.every = self.robot.arm.joints, max(1, round(1 / self.dt / self.given["rate"]))
         self.heard, self.senders, self.said, self.refused, self.due, self.diagnosed = {}, {}, {}, {}, 0, 0
         self._send("/robot_description", "std_msgs/String", self.job["robot"]["urdf"], is_kept=True)
         if (self.job["scenario"].get("servo") or {}).get("live"):
-            self.commands = Commands(self.frames, "units" in self.given)
+            self.commands = Commands(self.robot, "units" in self.given)
             self.operator = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
             self.operator.setblocking(False)
             for topic, (name, _) in COMMANDS.items():
@@ -145,7 +144,7 @@ class Ros2(Observer):
 
     def _show(self, now, tick, estimate, sensor, report, control, servo):
         n, stamp = self.dof, (int(now), int(now % 1 * 1e9))
-        in_base, hand = (stamp, self.frames.base), self.robot.frames(self.at[0])[-1]
+        in_base, hand = (stamp, self.robot.base), self.robot.frames(self.at[0])[-1]
         found = list(report.singularities[: report.count]) if report else []
         if "clock" in self.given:
             self._send("/clock", "rosgraph_msgs/Clock", stamp)

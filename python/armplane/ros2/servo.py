@@ -49,33 +49,24 @@ def quaternion(R):
     return np.append(np.cos(norm(turn) / 2), turn * np.sinc(norm(turn) / (2 * np.pi)) / 2)
 
 
-class Frames:
-    """The frames of a robot (of `armplane.play.robot`) by the names of its URDF's links. `base` is the root's name."""
-
-    def __init__(self, robot):
-        self.robot, self.tip = robot, robot.arm.tip
-        children = {one.get("link") for one in robot.tree.iter("child")}
-        self.base = next(name for name in robot.links if name not in children)
-
-    def pose(self, name, q):
-        """The pose of a frame in the base, (4, 4); ValueError for an unknown one."""
-        name = name.lstrip("/")
-        if name == self.tip:
-            return self.robot.frames(q)[-1]
-        if name not in self.robot.links:
-            known = ", ".join([self.base, *(one for one in self.robot.links if one != self.base), self.tip])
-            raise ValueError(f"its frame_id is '{name}', and the arm's frames are {known}")
-        place, at = self.robot.links[name]
-        return at if place < 0 else self.robot.frames(q)[place] @ at
-
-
 class Commands:
     """The command in force. `has_units`: speeds are in m/s and rad/s, not shares of Servo's scale (`command_in_type`)."""
 
-    def __init__(self, frames, has_units):
-        self.frames, self.has_units, self.arm = frames, has_units, frames.robot.arm
+    def __init__(self, robot, has_units):
+        """`robot`: of `armplane.play.robot`."""
+        self.robot, self.has_units, self.arm = robot, has_units, robot.arm
         self.most = SHARE * np.minimum(self.arm.velocity, 10)
         self.motion = None
+
+    def frame(self, name, q):
+        """The pose of a link in the base, (4, 4); ValueError for an unknown one."""
+        name = name.lstrip("/")
+        if name == self.arm.tip:
+            return self.robot.frames(q)[-1]
+        if name not in self.robot.links:
+            raise ValueError(f"its frame_id is '{name}', and the arm's frames are {', '.join([*self.robot.links, self.arm.tip])}")
+        joint, at = self.robot.links[name]
+        return at if joint is None else self.robot.frames(q)[joint] @ at
 
     def _valid_s(self, message, now):
         """For how long a command is still valid, s. One from the future is from now."""
@@ -92,9 +83,9 @@ class Commands:
         """A geometry_msgs/TwistStamped: about the hand, in the axes of its frame."""
         self.motion, valid_s, name = None, self._valid_s(message, now), message.header.frame_id
         v, w = self._scaled(fields(message.twist.linear, "xyz"), LINEAR), self._scaled(fields(message.twist.angular, "xyz"), ROTATIONAL)
-        axes = {self.frames.base: "base", self.frames.tip: "hand", "armplane/singular": "singular"}.get(name.lstrip("/"))
+        axes = {self.robot.base: "base", self.arm.tip: "hand", "armplane/singular": "singular"}.get(name.lstrip("/"))
         if axes is None:
-            R = self.frames.pose(name, q)[:3, :3]
+            R = self.frame(name, q)[:3, :3]
             axes, v, w = "base", R @ v, R @ w
         return line(f"twist, {axes}", valid_s, v, w)
 
@@ -104,7 +95,7 @@ class Commands:
         p, x = fields(message.pose.position, "xyz"), fields(message.pose.orientation, "wxyz")
         if abs(norm(x) - 1) > 1e-3:
             raise ValueError(f"its quaternion has norm {norm(x):.4f}, not 1")
-        base = self.frames.pose(message.header.frame_id, q)
+        base = self.frame(message.header.frame_id, q)
         return line("pose, base", valid_s, base[:3, :3] @ p + base[:3, 3], quaternion(base[:3, :3] @ rotation_of(x)), np.zeros(6))
 
     def jog(self, message, now, q):

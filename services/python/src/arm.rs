@@ -8,6 +8,8 @@ use model::{Joint, JointKind, Refused, Robot, RobotText, description};
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use shared_types::job::Job;
 use shared_types::{SingularityReport, SingularityState, codes};
 
 use crate::{in_parts, numbers, refused};
@@ -195,6 +197,19 @@ impl Arm {
         Robot::builtin_names().to_vec()
     }
 
+    /// The links on the chain or fixed to it, from the base on, by name: the index of the joint that moves it, None for the base, and its pose behind that joint,
+    /// homogeneous, shape (4, 4), m.
+    #[getter]
+    fn frames<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let found = PyDict::new(py);
+        for frame in &self.inner.robot().frames {
+            let rows = frame.X_LF.to_homogeneous().transpose();
+            let pose = matrix(py, [4, 4], rows.as_slice())?;
+            found.set_item(&frame.name, (frame.joint, pose))?;
+        }
+        Ok(found)
+    }
+
     fn __repr__(&self) -> String {
         let Self { name, dof, tip, .. } = self;
         let notes = match self.notes.len() {
@@ -265,6 +280,17 @@ impl Arm {
         py.detach(|| self.analyse(q, far, reports));
         Ok(rows)
     }
+}
+
+/// The arm of a run as pictures show it, from the text of its `job.json`: [`viz::solids`] as JSON.
+#[pyfunction]
+pub(crate) fn solids(py: Python<'_>, job: &str) -> PyResult<String> {
+    let job: Job = serde_json::from_str(job).map_err(refused)?;
+    py.detach(|| {
+        let robot = Robot::from_source_at(&job.robot, job.scenario.frame()).map_err(refused)?;
+        let floor_m = job.scenario.plant.floor_m.unwrap_or_default();
+        Ok(viz::solids(&robot, floor_m).to_string())
+    })
 }
 
 /// An array of a matrix that lies row by row.

@@ -16,7 +16,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 #[pymodule]
 mod _armplane {
     #[pymodule_export]
-    use crate::arm::{Arm, Posture, Singularity};
+    use crate::arm::{Arm, Posture, Singularity, solids};
     #[pymodule_export]
     use crate::law::{Law, LawState};
     #[pymodule_export]
