@@ -102,65 +102,52 @@ pub struct Check {
     pub remedy: &'static str,
 }
 
-/// Judges the machine: one check a row, those that nothing runs without first.
-pub fn checks(health: &Health) -> Vec<Check> {
-    let machine = [
-        (
-            "cores",
-            health.cores.len() >= 2,
-            {
-                let cores = health.cores.iter().map(ToString::to_string);
-                let cores: Vec<_> = cores.collect();
-                format!("{} usable: {}", cores.len(), cores.join(", "))
-            },
-            "with two or more cores, the recorder does not disturb the control chain",
-        ),
-        (
-            "kernel",
-            health.preempt_rt,
-            format!(
-                "{}, {}PREEMPT_RT",
-                health.kernel,
-                if health.preempt_rt { "" } else { "not " }
-            ),
-            "a PREEMPT_RT kernel bounds the worst latency; the median is the same without",
-        ),
-        (
-            "clock source",
-            health.clock_source == "tsc",
-            health.clock_source.clone(),
-            "with `tsc`, reading the time takes 20 ns instead of a system call",
-        ),
-    ];
-    let [cores, kernel, clock] = machine;
-    let [fifo, memory, share] = real_time(health);
-    let rows = [
-        shared_memory(health.shm.as_ref()),
-        cores,
-        fifo,
-        memory,
-        share,
-        kernel,
-        clock,
-        leftovers(health),
-    ];
-    rows.map(|(what, good, finding, remedy)| Check {
+/// Without this nothing runs; all other checks are of real time.
+const SHARED_MEMORY: &str = "shared memory";
+
+fn check(what: &'static str, good: bool, finding: String, remedy: &'static str) -> Check {
+    Check {
         what,
         optional: what != SHARED_MEMORY,
         good,
         finding,
         remedy,
-    })
-    .into()
+    }
 }
 
-/// Subject, whether it is good, finding, remedy.
-type Row = (&'static str, bool, String, &'static str);
+/// Judges the machine: one check a row, those that nothing runs without first.
+pub fn checks(health: &Health) -> Vec<Check> {
+    let cores: Vec<_> = health.cores.iter().map(ToString::to_string).collect();
+    let no = if health.preempt_rt { "" } else { "not " };
+    let [fifo, memory, share] = real_time(health);
+    vec![
+        shared_memory(health.shm.as_ref()),
+        check(
+            "cores",
+            cores.len() >= 2,
+            format!("{} usable: {}", cores.len(), cores.join(", ")),
+            "with two or more cores, the recorder does not disturb the control chain",
+        ),
+        fifo,
+        memory,
+        share,
+        check(
+            "kernel",
+            health.preempt_rt,
+            format!("{}, {no}PREEMPT_RT", health.kernel),
+            "a PREEMPT_RT kernel bounds the worst latency; the median is the same without",
+        ),
+        check(
+            "clock source",
+            health.clock_source == "tsc",
+            health.clock_source.clone(),
+            "with `tsc`, reading the time takes 20 ns instead of a system call",
+        ),
+        leftovers(health),
+    ]
+}
 
-/// The only check without which nothing runs.
-const SHARED_MEMORY: &str = "shared memory";
-
-fn shared_memory(shm: Option<&Shm>) -> Row {
+fn shared_memory(shm: Option<&Shm>) -> Check {
     let mb = |bytes: u64| bytes / 1_000_000;
     let found = |shm: &Shm| {
         let (not, free) = (if shm.writable { "" } else { "not " }, mb(shm.free_bytes));
@@ -170,52 +157,50 @@ fn shared_memory(shm: Option<&Shm>) -> Row {
     let (good, text) = shm.map_or((false, "there is no /dev/shm".to_owned()), found);
     let remedy =
         "mount a writable tmpfs with at least 64 MB on /dev/shm (containers: --shm-size=256m)";
-    (SHARED_MEMORY, good, text, remedy)
+    check(SHARED_MEMORY, good, text, remedy)
 }
 
 /// The rights of real time.
-fn real_time(health: &Health) -> [Row; 3] {
+fn real_time(health: &Health) -> [Check; 3] {
     let rights = &health.rights;
     let (used, period) = health.realtime_budget.unwrap_or((1, 1));
+    let found = |what, good, well: &str, ill: String, remedy| {
+        let finding = if good { well.to_owned() } else { ill };
+        check(what, good, finding, remedy)
+    };
     [
-        (
+        found(
             "FIFO scheduling",
             rights.fifo(),
-            match rights.fifo() {
-                true => "allowed".to_owned(),
-                // A limit above 0 would allow it.
-                false => "not allowed (RLIMIT_RTPRIO is 0)".to_owned(),
-            },
+            "allowed",
+            // A limit above 0 would allow it.
+            "not allowed (RLIMIT_RTPRIO is 0)".to_owned(),
             "for --mode realtime: ulimit -r 90, or `@realtime - rtprio 90` in /etc/security/limits.conf",
         ),
-        (
+        found(
             "locked memory",
             rights.lock_memory(),
-            match rights.lock_memory() {
-                true => "allowed".to_owned(),
-                false => format!(
-                    "limited to {} bytes",
-                    rights.memlock_limit.unwrap_or_default()
-                ),
-            },
+            "allowed",
+            format!(
+                "limited to {} bytes",
+                rights.memlock_limit.unwrap_or_default()
+            ),
             "for --mode realtime: ulimit -l unlimited",
         ),
-        (
+        found(
             "real-time share",
             used >= period,
-            match used >= period {
-                true => "unlimited".to_owned(),
-                false => format!("{used} of {period} µs"),
-            },
+            "unlimited",
+            format!("{used} of {period} µs"),
             "it affects only processes that spin under FIFO; those of armplane block instead",
         ),
     ]
 }
 
-fn leftovers(health: &Health) -> Row {
+fn leftovers(health: &Health) -> Check {
     let (dead, alive): (Vec<_>, Vec<_>) = health.runs.iter().partition(|run| !run.alive);
     let folders = health.folders.len();
-    (
+    check(
         "leftovers",
         dead.is_empty() && folders == 0,
         format!(

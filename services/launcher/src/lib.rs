@@ -35,7 +35,7 @@ pub use descendants::{Guard, end_descendants, guard};
 pub use launch::{Launcher, Ran};
 pub use limits::with_room;
 pub use outcome::{Death, End, Failure, LaunchError, Outcome, ProcessOutcome};
-pub use plan::{Begin, Child, Event, Limits, Plan, Restart, reexec};
+pub use plan::{Begin, Child, Event, Limits, Plan, reexec, start_beside};
 pub use runtime::Exit;
 pub use signals::Interrupts;
 

@@ -82,7 +82,7 @@ pub fn launch(
         Event::Waiting {
             process, reason, ..
         } => observer(Progress::Line(&format!("{process} {reason}"))),
-        Event::Go | Event::Stopping | Event::Stopped => {}
+        Event::Stopped => {}
     });
     observer(Progress::End);
     launched
@@ -116,11 +116,7 @@ fn due(tick: u64, writes: &[String]) -> Option<String> {
 /// # Errors
 /// [`Failure::Work`] if the kernel refuses.
 pub fn interrupts() -> Result<Interrupts, Failure> {
-    Interrupts::catch().map_err(|error| {
-        Failure::Work(format!(
-            "cannot catch SIGINT, SIGTERM and the like: {error}"
-        ))
-    })
+    Interrupts::catch().map_err(Failure::work)
 }
 
 /// Called with a run before its first process starts: in lockstep after each roll-back, too, with another directory.
@@ -220,7 +216,7 @@ impl Start {
         begin(&RunDir::open(run_dir).map_err(Failure::work)?)?;
         let mut programs = job.graph.process.iter().map(|process| &process.command);
         let has_programs = programs.any(|command| !command.is_empty());
-        let start = || launcher::Guard::start(launcher::reexec(GUARD, run_dir)?, run_dir);
+        let start = || launcher::Guard::start(GUARD, run_dir);
         let guard = has_programs.then(start).transpose();
         let guard =
             guard.map_err(|error| Failure::Work(format!("cannot start {GUARD}: {error}")))?;

@@ -2,10 +2,10 @@
 
 use std::time::Duration;
 
-use launcher::{Child, Limits, Plan, Restart};
+use launcher::{Child, Limits, Plan};
 use runtime::ForeignMessage;
 use runtime::realtime::allowed_cores;
-use shared_types::graph::{self, Graph, Role};
+use shared_types::graph::{Graph, Role};
 use shared_types::job::{Job, Mode};
 use shared_types::layout::MessageLayout;
 use shared_types::process::Process;
@@ -45,13 +45,7 @@ pub fn plan(job: &Job) -> Result<Plan, Failure> {
             disturbance: runtime::Disturbance::default(),
         },
         ends_run: process.role() == Role::World,
-        restart: match process.restart {
-            graph::Restart::Never => Restart::Never,
-            graph::Restart::Always => Restart::Budget {
-                times: process.restarts(),
-                back_off: Duration::from_millis(10),
-            },
-        },
+        most_restarts: process.restarts(),
     });
     let messages = graph.own_messages().map(foreign).collect();
     let is_external = |process: &Process| process.external || !process.robot.is_empty();

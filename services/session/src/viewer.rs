@@ -3,7 +3,6 @@
 use std::ffi::OsStr;
 use std::io::{ErrorKind, Read};
 use std::net::{Ipv4Addr, SocketAddr, TcpStream};
-use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::Arc;
@@ -251,12 +250,8 @@ impl Live {
     /// # Errors
     /// [`Failure::Work`] if the process cannot be started.
     pub(crate) fn follow(&mut self, run: &Path) -> Result<(), Failure> {
-        let watcher = launcher::reexec(WATCH, run).and_then(|mut command| {
-            let command = command.process_group(0).stdin(Stdio::piped());
-            command.stdout(Stdio::null()).stderr(Stdio::null()).spawn()
-        });
         let cannot = |error| Failure::Work(format!("cannot start {WATCH}: {error}"));
-        self.watcher = Some(watcher.map_err(cannot)?);
+        self.watcher = Some(launcher::start_beside(WATCH, run).map_err(cannot)?);
         Ok(())
     }
 
