@@ -4,7 +4,8 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Args, ValueEnum};
-use session::{Failure, GraphText, Topics, load};
+use session::graph_text::{Topics, dot, mermaid, processes};
+use session::{Failure, load};
 
 use crate::out::{say, say_json, show};
 
@@ -35,10 +36,10 @@ pub(crate) fn graph(args: &GraphArgs, as_json: bool) -> Result<ExitCode, Failure
     match args.format {
         GraphFormat::Topics if as_json => say_json(&Topics(&graph).json())?,
         _ if as_json => say!("{}", serde_json::to_string(&graph).map_err(Failure::work)?),
-        GraphFormat::Text => show(&GraphText::Table(&graph)),
-        GraphFormat::Dot => show(&GraphText::Dot(&graph)),
+        GraphFormat::Text => show(&processes(&graph)),
+        GraphFormat::Dot => show(&dot(&graph)),
         GraphFormat::Topics => show(&Topics(&graph)),
-        GraphFormat::Mermaid => show(&GraphText::Mermaid(&graph)),
+        GraphFormat::Mermaid => show(&mermaid(&graph)),
     }
     Ok(ExitCode::SUCCESS)
 }

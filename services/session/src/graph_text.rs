@@ -9,27 +9,8 @@ use shared_types::topics::TOPICS;
 
 use crate::table::{number, table};
 
-/// A graph in one of its forms.
-pub enum GraphText<'a> {
-    /// A row a process.
-    Table(&'a Graph),
-    /// Graphviz.
-    Dot(&'a Graph),
-    /// Mermaid, as Markdown pages show it.
-    Mermaid(&'a Graph),
-}
-
-impl fmt::Display for GraphText<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Table(graph) => rows(f, graph),
-            Self::Dot(graph) => dot(f, graph),
-            Self::Mermaid(graph) => mermaid(f, graph),
-        }
-    }
-}
-
-fn rows(f: &mut fmt::Formatter<'_>, graph: &Graph) -> fmt::Result {
+/// A row a process.
+pub fn processes(graph: &Graph) -> String {
     let mut rows = table(&["process", "reads", "writes", "core", "priority"]);
     for process in &graph.process {
         let feedback = process
@@ -50,7 +31,7 @@ fn rows(f: &mut fmt::Formatter<'_>, graph: &Graph) -> fmt::Result {
             number(priority),
         ]);
     }
-    writeln!(f, "{rows}")
+    format!("{rows}\n")
 }
 
 /// Writer, reader, topic and whether it closes the loop.
@@ -69,31 +50,23 @@ fn edges(graph: &Graph) -> impl Iterator<Item = (&str, &str, &str, bool)> {
     })
 }
 
-fn dot(f: &mut fmt::Formatter<'_>, graph: &Graph) -> fmt::Result {
-    writeln!(
-        f,
-        "digraph armplane {{\n  rankdir=LR;\n  node [shape=box, style=rounded];"
-    )?;
-    for (writer, reader, topic, feedback) in edges(graph) {
-        writeln!(
-            f,
-            "  {writer} -> {reader} [label=\"{topic}\"{}];",
-            if feedback { ", style=dashed" } else { "" }
-        )?;
-    }
-    writeln!(f, "}}")
+/// A drawing for Graphviz.
+pub fn dot(graph: &Graph) -> String {
+    let edges = edges(graph).map(|(writer, reader, topic, feedback)| {
+        let style = if feedback { ", style=dashed" } else { "" };
+        format!("  {writer} -> {reader} [label=\"{topic}\"{style}];\n")
+    });
+    let edges: String = edges.collect();
+    format!("digraph armplane {{\n  rankdir=LR;\n  node [shape=box, style=rounded];\n{edges}}}\n")
 }
 
-fn mermaid(f: &mut fmt::Formatter<'_>, graph: &Graph) -> fmt::Result {
-    writeln!(f, "flowchart LR")?;
-    for (writer, reader, topic, feedback) in edges(graph) {
-        writeln!(
-            f,
-            "  {writer} {}|{topic}| {reader}",
-            if feedback { "-.->" } else { "-->" }
-        )?;
-    }
-    Ok(())
+/// A drawing for Mermaid, as Markdown pages show it.
+pub fn mermaid(graph: &Graph) -> String {
+    let edges = edges(graph).map(|(writer, reader, topic, feedback)| {
+        let arrow = if feedback { "-.->" } else { "-->" };
+        format!("  {writer} {arrow}|{topic}| {reader}\n")
+    });
+    "flowchart LR\n".to_owned() + &edges.collect::<String>()
 }
 
 /// The topics of a graph: types, sizes, writers and readers.

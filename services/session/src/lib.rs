@@ -6,6 +6,7 @@
 //! text.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
+pub mod graph_text;
 pub mod load;
 pub mod observation;
 pub mod schema;
@@ -17,7 +18,6 @@ mod drawing;
 mod export;
 mod failure;
 mod fault_kinds;
-mod graph_text;
 mod injection;
 mod launch;
 mod layout;
@@ -49,7 +49,6 @@ pub use drawing::{Shown, shown};
 pub use export::{Export, ExportFormat, export};
 pub use failure::Failure;
 pub use fault_kinds::FaultKinds;
-pub use graph_text::{GraphText, Topics};
 pub use injection::inject;
 pub use launch::{Begin, GUARD, ROBOT, interrupts, launch, launch_watched};
 pub use launcher::Interrupts;
