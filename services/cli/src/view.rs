@@ -25,7 +25,7 @@ pub(crate) fn view(args: &ViewArgs, as_json: bool) -> Result<ExitCode, Failure> 
     let is_file =
         |path: &&PathBuf| path.is_file() && path.extension().is_some_and(|it| it == "rrd");
     if let Some(file) = args.run.as_ref().filter(is_file) {
-        return show_files(std::slice::from_ref(file), None, as_json);
+        return show_file(file, None, as_json);
     }
     let run = Run::find(args.run.as_deref())?;
     let shown = session::shown(&run, &observe)?;
@@ -39,27 +39,19 @@ pub(crate) fn view(args: &ViewArgs, as_json: bool) -> Result<ExitCode, Failure> 
         observe(session::Progress::Line(&format!("armplane: {sentence}")));
     }
     let layout = layout.map(|(_, path)| path);
-    show_files(
-        std::slice::from_ref(&shown.file),
-        layout.as_deref(),
-        as_json,
-    )?;
+    show_file(&shown.file, layout.as_deref(), as_json)?;
     // The viewer shows less than the run was.
     passed(shown.lack.is_none())
 }
 
-fn show_files(
-    files: &[PathBuf],
-    layout: Option<&Path>,
-    as_json: bool,
-) -> Result<ExitCode, Failure> {
+fn show_file(file: &Path, layout: Option<&Path>, as_json: bool) -> Result<ExitCode, Failure> {
     if as_json {
-        let all: Vec<_> = files.iter().map(PathBuf::as_path).chain(layout).collect();
+        let files: Vec<_> = [file].into_iter().chain(layout).collect();
         say!(
             "{}",
-            serde_json::json!({"viewer": viewer_command(), "files": all})
+            serde_json::json!({"viewer": viewer_command(), "files": files})
         );
     }
-    show(files, layout, &observe)?;
+    show(file, layout, &observe)?;
     Ok(ExitCode::SUCCESS)
 }

@@ -21,7 +21,7 @@ const PATIENCE: Duration = Duration::from_secs(2);
 pub fn inject(wanted: Option<&str>, fault: &Fault) -> Result<(Living, Fault), Failure> {
     let mut living = Living::find_to_change(wanted)?;
     let (run, manifest, control_page) = living.open()?;
-    let job = job(&run);
+    let job = job(run.path()).ok();
     let Some(index) = manifest.index_of(&fault.process) else {
         return Err(Failure::Input(format!(
             "the run has no process `{}`; it has {}",

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use files::Draft;
 use launcher::{Death, Delay, Event, Interrupts, Launcher, Outcome, Plan, Ran};
 use model::Robot;
 use runtime::{FaultTable, RunDir};
@@ -137,21 +138,21 @@ pub fn launch_watched(
     let _signals = interrupts()?;
     let mut launcher = Launcher::prepare(plan).map_err(Failure::work)?;
     loop {
-        let mut start = Start::set_up(job, &launcher, begin)?;
-        let job = start.job.clone();
-        let commands = |name: &str, run: &Path| command(&job, name, run);
-        let newest = |faults: &FaultTable| newest_cut(&job, faults);
+        let Start {
+            job, account_path, ..
+        } = &Start::set_up(job, &launcher, begin)?;
+        let commands = |name: &str, run: &Path| command(job, name, run);
+        let newest = |faults: &FaultTable| newest_cut(job, faults);
+        let mut account = None;
         let ran = launcher.run(&commands, &newest, &mut |event| {
             if event == Event::Stopped {
-                start.take_account();
+                let text = std::fs::read(account_path).ok();
+                account = text.and_then(|text| serde_json::from_slice(&text).ok());
             }
             report(&event);
         });
         match ran.map_err(Failure::work)? {
-            Ran::Ended(outcome) => {
-                let account = whole_account(&start.job, start.account)?;
-                return Ok((*outcome, account));
-            }
+            Ran::Ended(outcome) => return Ok((*outcome, whole_account(job, account)?)),
             Ran::RolledBack(again) => launcher = *again,
         }
     }
@@ -185,9 +186,8 @@ fn whole_account(job: &Job, account: Option<Summary>) -> Result<Option<Summary>,
 /// One start of all processes of a run, which has a directory of its own.
 struct Start {
     job: Job,
-    account_path: PathBuf,
     /// The recorder's part of the summary.
-    account: Option<Summary>,
+    account_path: PathBuf,
     _guard: Option<launcher::Guard>,
     /// The messages of programs without a state before the cut.
     _past: Option<Past>,
@@ -223,15 +223,9 @@ impl Start {
         Ok(Self {
             job,
             account_path,
-            account: None,
             _guard: guard,
             _past: past,
         })
-    }
-
-    fn take_account(&mut self) {
-        let text = std::fs::read(&self.account_path).ok();
-        self.account = text.and_then(|text| serde_json::from_slice(&text).ok());
     }
 }
 
@@ -251,20 +245,9 @@ fn write_job(job: &Job, run_dir: &Path) -> Result<(), Failure> {
     if job.out.is_dir() {
         let path = job.out.join(JOB);
         let kept = serde_json::to_vec_pretty(job).map_err(Failure::work)?;
-        write_whole(&path, &kept)
-            .map_err(|error| Failure::Work(format!("cannot write {}: {error}", path.display())))?;
+        Draft::write(&path, kept).map_err(Failure::cannot("write", &path))?;
     }
     Ok(())
-}
-
-/// Makes a file that is there whole or not at all, whenever this process is killed.
-fn write_whole(path: &Path, text: &[u8]) -> std::io::Result<()> {
-    let unfinished = path.with_added_extension("tmp");
-    files::write(&unfinished, text)
-        .and_then(|()| std::fs::rename(&unfinished, path))
-        .inspect_err(|_| {
-            let _ = std::fs::remove_file(&unfinished);
-        })
 }
 
 /// The command of a process: this program itself, or the one in the graph.

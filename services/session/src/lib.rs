@@ -62,7 +62,7 @@ pub use progress::{Observer, Progress};
 pub use python::Python;
 pub use recover::{go_on, recover, remains};
 pub use report::{Page, report};
-pub use results::{GIVEN_TARGETS, LINES, REPORT, RUNS, Results, SUMMARY, holds_run, keep};
+pub use results::{GIVEN_TARGETS, LINES, REPORT, RUNS, Results, SUMMARY, holds_run};
 pub use robot::{mode_of, simulated};
 pub use runs::Run;
 pub use session::{Finished, Request, run, run_loaded, whole};

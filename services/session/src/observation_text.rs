@@ -13,20 +13,11 @@ impl Paint {
     const YELLOW: u8 = 33;
     const MAGENTA: u8 = 35;
 
-    fn of(self, colour: u8, text: &str) -> String {
-        if self.0 {
-            format!("\x1b[{colour}m{text}\x1b[0m")
-        } else {
-            text.to_owned()
-        }
-    }
-
-    /// A condition, if it holds.
+    /// The text in a colour, if a condition holds.
     fn when(self, so: bool, colour: u8, text: &str) -> String {
-        if so {
-            self.of(colour, text)
-        } else {
-            text.to_owned()
+        match self.0 && so {
+            true => format!("\x1b[{colour}m{text}\x1b[0m"),
+            false => text.to_owned(),
         }
     }
 }
@@ -136,7 +127,7 @@ pub fn observation_lines(
         _ => line.to_owned(),
     };
     let title = format!("{}, {} Hz: {}", run.mode, run.rate_hz, run.title);
-    let mut lines = vec![paint.of(Paint::BOLD, &fitted(&title))];
+    let mut lines = vec![paint.when(true, Paint::BOLD, &fitted(&title))];
     let (table, hidden) = processes(run, paint, columns);
     lines.extend(table);
     lines.push("step: p50/p99/longest; age: since the tick's sample, p99".to_owned());
@@ -147,7 +138,7 @@ pub fn observation_lines(
     let refusals: Vec<_> = refusals.collect();
     if !refusals.is_empty() {
         let text = format!("outputs refused: {}", refusals.join(", "));
-        lines.push(paint.of(Paint::YELLOW, &text));
+        lines.push(paint.when(true, Paint::YELLOW, &text));
     }
     let stale = match run.stale_ticks {
         0 => String::new(),

@@ -48,7 +48,6 @@ pub fn plan(job: &Job) -> Result<Plan, Failure> {
         most_restarts: process.restarts(),
     });
     let messages = graph.own_messages().map(foreign).collect();
-    let is_external = |process: &Process| process.external || !process.robot.is_empty();
     let limits = match graph.process.iter().any(is_external) {
         true => Limits {
             start: None,
@@ -67,6 +66,11 @@ pub fn plan(job: &Job) -> Result<Plan, Failure> {
         faults,
         begin: launcher::Begin::default(),
     })
+}
+
+/// Whether a process starts when a person, or a robot, is ready for it.
+pub(crate) fn is_external(process: &Process) -> bool {
+    process.external || !process.robot.is_empty()
 }
 
 /// An interpreter may have much to load before it joins.

@@ -57,7 +57,7 @@ const MADE_OF_IT: [&str; 7] = [
 pub const REPORT: &str = "report.html";
 /// The lines of the processes of a run that broke a guarantee.
 pub const LINES: &str = "stderr.txt";
-/// More than a summary takes, faults included; bytes.
+/// More than the numbers and faults of a run add to its summary; bytes.
 const SUMMARY_BYTES: usize = 128 * 1024;
 /// More than the faults of a run take in its scenario; bytes.
 const FAULTS_BYTES: usize = 32 * 1024;
@@ -220,14 +220,12 @@ impl Results {
     /// Takes the room that the run's account will need: a recording that fills the disk shall not be the end of the summary too.
     pub(crate) fn reserve(&self, job: &Job) -> Result<(), Failure> {
         self.has_reserve.set(true);
-        let job_bytes = serde_json::to_vec_pretty(job).map_err(Failure::work)?.len();
-        let repeated = repeated(job, &Summary::default())?
-            .into_iter()
-            .map(|(name, text)| (name, text.len() + FAULTS_BYTES));
-        let own = [(SUMMARY, SUMMARY_BYTES), (JOB, job_bytes + FAULTS_BYTES)];
-        let own = own.map(|(name, bytes)| (name.to_owned(), bytes));
-        for (name, bytes) in own.into_iter().chain(repeated) {
-            runtime::reserve(&self.folder.join(name), bytes).map_err(|error| {
+        for (name, text) in account(job, &Summary::default())? {
+            let more = match name.as_str() {
+                SUMMARY => SUMMARY_BYTES,
+                _ => FAULTS_BYTES,
+            };
+            runtime::reserve(&self.folder.join(name), text.len() + more).map_err(|error| {
                 release(&self.folder);
                 FOR_A_RUN.unusable(&self.folder, &error)
             })?;
@@ -248,9 +246,9 @@ impl Results {
     /// # Errors
     /// As there; and [`Failure::Input`] for somebody's own file that this run would write over.
     pub(crate) fn remove_old(&self, job: &Job) -> Result<(), Failure> {
-        let again = repeated(job, &Summary::default())?;
-        let mut kept: Vec<_> = again.iter().map(|(name, _)| name.as_str()).collect();
-        kept.push(JOB);
+        let again = account(job, &Summary::default())?;
+        let again = again.iter().map(|(name, _)| name.as_str());
+        let kept: Vec<_> = again.filter(|name| *name != SUMMARY).collect();
         let record = [recorder::MESSAGES, viz::RECORDING].into_iter();
         let mut written = kept.iter().copied().chain(record.filter(|_| job.record));
         if let Some(own) = written.find(|name| self.foreign.iter().any(|own| own == name)) {
@@ -300,36 +298,19 @@ impl Results {
 
     /// Writes the files that make the run repeatable and readable: summary, job, and the scenario
     /// with every fault that occurred.
+    ///
+    /// # Errors
+    /// [`Failure::Work`] if a file cannot be written.
     pub(crate) fn keep(&self, job: &Job, summary: &Summary) -> Result<(), Failure> {
-        keep(&self.folder, job, summary)
+        let mut files = account(job, summary)?.into_iter();
+        let written = files.try_for_each(|(name, text)| {
+            let path = self.folder.join(name);
+            // Whole or not at all: a full disk leaves no half file.
+            runtime::write_reserved(&path, &text).map_err(Failure::cannot("write", &path))
+        });
+        release(&self.folder);
+        written
     }
-}
-
-/// Writes the files that make a run repeatable and readable into its folder.
-///
-/// # Errors
-/// [`Failure::Work`] if a file cannot be written.
-pub fn keep(folder: &Path, job: &Job, summary: &Summary) -> Result<(), Failure> {
-    let cannot = |name: &str, error: std::io::Error| {
-        Failure::Work(format!(
-            "cannot write {}: {error}",
-            folder.join(name).display()
-        ))
-    };
-    let repeated = repeated(job, summary)?;
-    let summary = serde_json::to_vec_pretty(summary).map_err(Failure::work)?;
-    let job_text = serde_json::to_vec_pretty(job).map_err(Failure::work)?;
-    // The summary last: a folder that has one is whole, and `recover` leaves it.
-    let files = [(JOB.to_owned(), job_text)].into_iter().chain(repeated);
-    for (name, text) in files.chain([(SUMMARY.to_owned(), summary)]) {
-        // Whole or not at all: a full disk leaves no half file.
-        runtime::write_reserved(&folder.join(&name), &text).map_err(|error| {
-            release(folder);
-            cannot(&name, error)
-        })?;
-    }
-    release(folder);
-    Ok(())
 }
 
 /// Whether a folder holds a run, ended or not.
@@ -401,18 +382,18 @@ fn lock(folder: &Path) -> io::Result<Option<OwnedFd>> {
 /// The next `runs/NAME-NNN` that does not exist yet.
 fn next_free(name: &str) -> io::Result<(PathBuf, Option<OwnedFd>, bool)> {
     std::fs::create_dir_all(RUNS)?;
-    for n in 1.. {
+    let mut n = 0;
+    loop {
+        n += 1;
         let folder = Path::new(RUNS).join(format!("{name}-{n:03}"));
         match std::fs::create_dir(&folder) {
-            Ok(()) => {}
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => continue,
-            Err(error) => return Err(error),
+            made => made?,
         }
         if let Some(lock) = lock(&folder)? {
             return Ok((folder, Some(lock), true));
         }
     }
-    Err(io::Error::other("every number is taken"))
 }
 
 impl Drop for Results {
@@ -440,6 +421,17 @@ fn description(robot: &RobotText) -> Result<String, Failure> {
     Ok(table.to_string())
 }
 
+/// The files that make a run repeatable and readable: its job, those that repeat it, and its summary.
+fn account(job: &Job, summary: &Summary) -> Result<Vec<(String, Vec<u8>)>, Failure> {
+    let job_text = serde_json::to_vec_pretty(job).map_err(Failure::work)?;
+    let mut files = vec![(JOB.to_owned(), job_text)];
+    files.extend(repeated(job, summary)?);
+    let summary = serde_json::to_vec_pretty(summary).map_err(Failure::work)?;
+    // The last one: a folder that has it is whole, and `recover` leaves it.
+    files.push((SUMMARY.to_owned(), summary));
+    Ok(files)
+}
+
 /// The files of the scenario that repeats the run, with robot and graph beside it if they are not
 /// built in.
 fn repeated(job: &Job, summary: &Summary) -> Result<Vec<(String, Vec<u8>)>, Failure> {
@@ -453,10 +445,7 @@ fn repeated(job: &Job, summary: &Summary) -> Result<Vec<(String, Vec<u8>)>, Fail
         fault,
         ..job.scenario.clone()
     };
-    let is_file = [load::URDF, load::MJCF]
-        .iter()
-        .any(|ending| scenario.robot.ends_with(ending));
-    if is_file {
+    if load::is_arm_file(&scenario.robot) {
         ROBOT_URDF.clone_into(&mut scenario.robot);
         files.push((ROBOT_URDF.to_owned(), job.robot.urdf.clone().into_bytes()));
         let text = description(&job.robot)?;

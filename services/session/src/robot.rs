@@ -9,7 +9,7 @@ use shared_types::scenario::Scenario;
 use crate::failure::Failure;
 use crate::load::Loaded;
 use crate::mujoco;
-use crate::progress::{Observer, Progress};
+use crate::progress::{Observer, say};
 use crate::results::ROBOT_URDF;
 
 /// Default pace for a plant: a robot has its own clock.
@@ -54,10 +54,20 @@ pub(crate) fn put_in(loaded: &mut Loaded, plant: &str) -> Result<(), Failure> {
 /// # Errors
 /// [`Failure::Input`] as [`run`](crate::run) with such a plant, and where that is a robot.
 pub fn simulated(plant: &str, robot: &Robot, scenario: &Scenario) -> Result<Graph, Failure> {
+    with_plant(Graph::of(scenario)?, plant, robot, scenario)
+}
+
+/// A graph with `plant` in it; see [`simulated`].
+pub(crate) fn with_plant(
+    graph: Graph,
+    plant: &str,
+    robot: &Robot,
+    scenario: &Scenario,
+) -> Result<Graph, Failure> {
     let mut loaded = Loaded {
         scenario: scenario.clone(),
         robot: robot.clone(),
-        graph: Graph::of(scenario)?,
+        graph,
     };
     put_in(&mut loaded, plant)?;
     check_mode(&loaded.graph, Mode::Lockstep)?;
@@ -123,10 +133,13 @@ pub(crate) fn settle(
             ROBOT_URDF.clone_into(&mut loaded.scenario.robot);
             loaded.scenario.frame.clear();
         }
-        None => observer(Progress::Line(&format!(
-            "armplane: the robot at {address} gives no URDF (interface version 5), so the scenario's {} is used",
-            loaded.robot.name
-        ))),
+        None => say(
+            observer,
+            format_args!(
+                "the robot at {address} gives no URDF (interface version 5), so the scenario's {} is used",
+                loaded.robot.name
+            ),
+        ),
     }
     loaded
         .robot

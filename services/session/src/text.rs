@@ -237,16 +237,10 @@ fn steered(f: &mut fmt::Formatter<'_>, servo: &ServoSummary) -> fmt::Result {
             if i == 0 { "session    " } else { "           " }
         )?;
     }
-    let counts = servo
-        .refused
-        .iter()
-        .map(|(reason, count)| ("refused", count, reason));
-    let stops = servo
-        .stops
-        .iter()
-        .map(|(reason, count)| ("stopped", count, reason));
-    for (event, count, reason) in counts.chain(stops) {
-        writeln!(f, "{event}    {count} × {reason}")?;
+    for (event, counts) in [("refused", &servo.refused), ("stopped", &servo.stops)] {
+        for (reason, count) in counts {
+            writeln!(f, "{event}    {count} × {reason}")?;
+        }
     }
     if servo.after_end > 0 {
         writeln!(
