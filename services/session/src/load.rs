@@ -212,7 +212,7 @@ impl Source {
                 other => other,
             }
         };
-        let robot = robot(&scenario.robot, &self.folder, scenario.frame(), None);
+        let robot = robot_in(&self.folder, &scenario.robot, scenario.frame(), None);
         let robot = robot.map_err(located("robot"))?;
         match &scenario.mount {
             Some(mount) => mounted(&robot, mount).map_err(located("mount")),
@@ -375,9 +375,14 @@ pub(crate) fn is_arm_file(name: &str) -> bool {
 ///
 /// # Errors
 /// [`Failure::Input`] if there is no such robot, or its description is invalid.
-pub fn robot(
-    name: &str,
+pub fn robot(name: &str, frame: Option<&str>, base: Option<&str>) -> Result<Robot, Failure> {
+    robot_in(Path::new(""), name, frame, base)
+}
+
+/// The same, where a path counts from a folder.
+fn robot_in(
     folder: &Path,
+    name: &str,
     frame: Option<&str>,
     base: Option<&str>,
 ) -> Result<Robot, Failure> {

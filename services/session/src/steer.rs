@@ -1,6 +1,6 @@
 //! The scenario of a steered run: an arm or a scenario, and the source of its targets.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use model::Robot;
 use shared_types::process::{Process, Program};
@@ -118,7 +118,7 @@ impl Steering {
 
     /// A scenario for a robot.
     fn source(&self) -> Result<Source, Failure> {
-        let robot = load::robot(&self.subject, Path::new(""), None, None)?;
+        let robot = load::robot(&self.subject, None, None)?;
         let start = match &self.start {
             Some(text) if text.starts_with(|c: char| c.is_ascii_digit() || "-+.".contains(c)) => {
                 let number = |part: &str| {
