@@ -218,8 +218,7 @@ impl Start {
         let has_programs = programs.any(|command| !command.is_empty());
         let start = || launcher::Guard::start(GUARD, run_dir);
         let guard = has_programs.then(start).transpose();
-        let guard =
-            guard.map_err(|error| Failure::Work(format!("cannot start {GUARD}: {error}")))?;
+        let guard = guard.map_err(Failure::cannot("start", Path::new(GUARD)))?;
         Ok(Self {
             job,
             account_path,

@@ -241,8 +241,8 @@ impl Live {
     /// # Errors
     /// [`Failure::Work`] if the process cannot be started.
     pub(crate) fn follow(&mut self, run: &Path) -> Result<(), Failure> {
-        let cannot = |error| Failure::Work(format!("cannot start {WATCH}: {error}"));
-        self.watcher = Some(launcher::start_beside(WATCH, run).map_err(cannot)?);
+        let watcher = launcher::start_beside(WATCH, run);
+        self.watcher = Some(watcher.map_err(Failure::cannot("start", Path::new(WATCH)))?);
         Ok(())
     }
 
