@@ -117,11 +117,12 @@ impl Results {
         let remedies = &FOR_A_RUN;
         let (folder, lock, made) = match wanted {
             Some(folder) => {
-                let made = make_parents(folder)
-                    .and_then(|()| make(folder))
-                    .map_err(|error| remedies.unusable(folder, &error))?;
-                let lock = lock(folder).map_err(|error| remedies.unusable(folder, &error))?;
-                (folder.to_owned(), lock, made)
+                let unusable = |error: io::Error| remedies.unusable(folder, &error);
+                let above = folder.parent().map_or(Ok(()), std::fs::create_dir_all);
+                above.map_err(unusable)?;
+                let made = std::fs::create_dir(folder).is_ok();
+                files::make_folder(folder).map_err(unusable)?;
+                (folder.to_owned(), lock(folder).map_err(unusable)?, made)
             }
             None => next_free(name).map_err(|error| remedies.unusable(Path::new(RUNS), &error))?,
         };
@@ -344,18 +345,6 @@ fn release(folder: &Path) {
         if let Some(whole) = name.strip_suffix(".reserved") {
             runtime::release_reserve(&folder.join(whole));
         }
-    }
-}
-
-fn make_parents(folder: &Path) -> io::Result<()> {
-    folder.parent().map_or(Ok(()), std::fs::create_dir_all)
-}
-
-/// Makes the folder; whether it was not there before.
-fn make(folder: &Path) -> io::Result<bool> {
-    match std::fs::create_dir(folder) {
-        Ok(()) => Ok(true),
-        Err(_) => files::make_folder(folder).map(|()| false),
     }
 }
 
