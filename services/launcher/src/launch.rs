@@ -147,8 +147,7 @@ impl Launcher {
         if from > before {
             self.course.roll_backs = 0;
         }
-        let fallen = &self.started.fallen;
-        if let Some(failure) = self.course.end_of_patience(fallen, &self.started) {
+        if let Some(failure) = self.course.end_of_patience(&self.started) {
             let end = End::Failed(failure);
             let (started, signals) = (&mut self.started, &mut self.course.signals);
             started.control_page.request_stop(Stop::Early);
@@ -218,9 +217,9 @@ fn is_last(death: &Death, earlier: &[Death], begin: u64, most_restarts: u32) -> 
 }
 
 impl Course {
-    /// Why these deaths are the end of the run: too many, or an error of its own that comes again, or whose process is not to be started again.
-    fn end_of_patience(&self, fallen: &[Fallen], started: &Supervised) -> Option<Failure> {
-        let unplanned = || fallen.iter().filter(|one| !one.is_planned);
+    /// Why the deaths of a start are the end of the run: too many, or an error of its own that comes again, or whose process is not to be started again.
+    fn end_of_patience(&self, started: &Supervised) -> Option<Failure> {
+        let unplanned = || started.fallen.iter().filter(|one| !one.is_planned);
         let is_again = |one: &&Fallen| {
             let most = started.plan.children[one.index].most_restarts;
             is_last(&one.death, &self.deaths, started.plan.begin.tick, most)

@@ -144,8 +144,9 @@ impl Supervised {
                 });
             }
             (slot.exit, slot.last_words, slot.child) = (Some(exit), last_words, None);
-            slot.is_done = self.control_page.process(index).state() == State::Done;
-            self.control_page.process(index).end();
+            let entry = self.control_page.process(index);
+            slot.is_done = entry.state() == State::Done;
+            entry.end();
             if !exit.is_success() {
                 self.control_page
                     .fault_table()

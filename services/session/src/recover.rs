@@ -127,7 +127,9 @@ pub fn go_on(
     observer: Observer<'_>,
 ) -> Result<Finished, Failure> {
     let Remains {
-        results, mut job, ..
+        mut results,
+        mut job,
+        ..
     } = remains;
     let signals = interrupts()?;
     let mut plan = plan(&job)?;

@@ -1,6 +1,5 @@
 //! The folder of a run: created before the run starts, filled when it is over.
 
-use std::cell::Cell;
 use std::fs::DirEntry;
 use std::io;
 use std::os::fd::OwnedFd;
@@ -39,12 +38,16 @@ const ROBOT_TOML: &str = "robot.toml";
 pub const GIVEN_TARGETS: &str = "targets.csv.tmp";
 /// Made and removed to see whether the results folder can be written to.
 const PROBE: &str = ".armplane";
-/// The files that [`keep`] writes.
-const KEPT: [&str; 7] = [
-    SUMMARY, JOB, SCENARIO, GRAPH, ROBOT_URDF, ROBOT_TOML, TARGETS,
-];
-/// The files that `view`, `report`, `export` and a drill leave beside a run, but for its layouts.
-const MADE_OF_IT: [&str; 7] = [
+/// The files of a run, and those that `view`, `report`, `export` and a drill leave beside it, but for tables and layouts.
+const FILES: [&str; 15] = [
+    SUMMARY,
+    JOB,
+    SCENARIO,
+    GRAPH,
+    ROBOT_URDF,
+    ROBOT_TOML,
+    TARGETS,
+    recorder::MESSAGES,
     REPORT,
     viz::RECORDING,
     "signals.csv",
@@ -101,7 +104,7 @@ pub struct Results {
     pub folder: PathBuf,
     made: bool,
     /// Room has been taken for this run's account.
-    has_reserve: Cell<bool>,
+    has_reserve: bool,
     /// Files with names of results that were there without a run.
     foreign: Vec<String>,
     /// Held on the folder: one run at a time writes into it.
@@ -176,7 +179,7 @@ impl Results {
         let mut results = Self {
             folder,
             made,
-            has_reserve: Cell::new(false),
+            has_reserve: false,
             foreign: Vec::new(),
             _lock: lock,
         };
@@ -219,8 +222,8 @@ impl Results {
     }
 
     /// Takes the room that the run's account will need: a recording that fills the disk shall not be the end of the summary too.
-    pub(crate) fn reserve(&self, job: &Job) -> Result<(), Failure> {
-        self.has_reserve.set(true);
+    pub(crate) fn reserve(&mut self, job: &Job) -> Result<(), Failure> {
+        self.has_reserve = true;
         for (name, text) in account(job, &Summary::default())? {
             let more = match name.as_str() {
                 SUMMARY => SUMMARY_BYTES,
@@ -330,10 +333,8 @@ fn is_result(name: &str) -> bool {
         .iter()
         .find_map(|end| name.strip_suffix(end))
         .unwrap_or(name);
-    KEPT.contains(&whole)
-        || MADE_OF_IT.contains(&whole)
+    FILES.contains(&whole)
         || whole.starts_with(TABLE) && whole.ends_with(".csv")
-        || whole == recorder::MESSAGES
         || whole
             .strip_suffix(".rbl")
             .is_some_and(|layout| Layout::ALL.iter().any(|one| one.name() == layout))
@@ -387,7 +388,7 @@ fn next_free(name: &str) -> io::Result<(PathBuf, Option<OwnedFd>, bool)> {
 
 impl Drop for Results {
     fn drop(&mut self) {
-        if self.has_reserve.get() {
+        if self.has_reserve {
             release(&self.folder);
             let _ = std::fs::remove_file(self.folder.join(GIVEN_TARGETS));
         }

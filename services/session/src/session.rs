@@ -124,7 +124,7 @@ fn run_from(
     } = settle(request, loaded, observer)?;
     // Before the first file is made; until then a signal ends the program at once.
     let signals = interrupts()?;
-    let results = Results::create(request.out.as_deref(), &scenario.name)?;
+    let mut results = Results::create(request.out.as_deref(), &scenario.name)?;
     let folder = results.folder.clone();
     origin.map_or(Ok(()), |origin| origin.spare(&folder))?;
     let job = Job {
