@@ -251,21 +251,21 @@ fn write_job(job: &Job, run_dir: &Path) -> Result<(), Failure> {
 
 /// The command of a process: this program itself, or the one in the graph.
 fn command(job: &Job, name: &str, run: &Path) -> std::io::Result<Command> {
-    let process = job.graph.process(name);
-    let is = |what: fn(&Process) -> bool| process.is_some_and(what);
-    if is(|process| !process.command.is_empty()) {
+    let Some(process) = job.graph.process(name) else {
+        return launcher::reexec(name, run);
+    };
+    if !process.command.is_empty() {
         // Started again: what its predecessor has left.
         launcher::end_descendants(run, Some(name));
     }
-    if is(|process| !process.robot.is_empty()) {
+    if !process.robot.is_empty() {
         return launcher::reexec(ROBOT, run);
     }
-    if is(|process| process.external) {
+    if process.external {
         return launcher::reexec(STAND_IN, run);
     }
-    let program = process.map_or(name, Process::program_name);
     let Some(mut command) = load::command(&job.graph, name) else {
-        return launcher::reexec(program, run);
+        return launcher::reexec(process.program_name(), run);
     };
     // It finds the library that fits this program.
     command.env("ARMPLANE", std::env::current_exe()?);

@@ -77,16 +77,12 @@ pub(crate) fn with_plant(
 /// # Errors
 /// [`Failure::Input`] if a robot of the graph is to run in lockstep.
 pub(crate) fn check_mode(graph: &Graph, mode: Mode) -> Result<(), Failure> {
-    match graph
-        .process
-        .iter()
-        .find(|process| !process.robot.is_empty() && mode == Mode::Lockstep)
-    {
-        Some(process) => Err(Failure::Input(format!(
-            "the robot at {} runs in real time, not in lockstep: use `armplane run --mode realtime`",
-            process.robot
+    let mut robots = graph.process.iter().map(|process| &process.robot);
+    match robots.find(|robot| !robot.is_empty()) {
+        Some(robot) if mode == Mode::Lockstep => Err(Failure::Input(format!(
+            "the robot at {robot} runs in real time, not in lockstep: use `armplane run --mode realtime`"
         ))),
-        None => Ok(()),
+        _ => Ok(()),
     }
 }
 
