@@ -88,14 +88,12 @@ impl Supervised {
         table.mark_detected(index, self.ticks(), now_ns());
         self.control_page.ring_all();
         if let Some(line) = self.slots[index].last_words.last() {
-            let unplanned = table
-                .records()
-                .filter(|(_, account)| account.origin == Origin::Detected);
+            let unplanned = self.ends(index);
             let last = unplanned
-                .filter(|(_, account)| account.scheduled.process as usize == index)
+                .filter(|account| account.origin == Origin::Detected)
                 .last();
             self.last_lines
-                .extend(last.map(|(_, account)| (index, account.scheduled.at, line.clone())));
+                .extend(last.map(|account| (index, account.scheduled.at, line.clone())));
         }
         Ok(())
     }
@@ -180,15 +178,11 @@ impl Supervised {
                 return Some(self.died(index, 0));
             }
             self.slots[index].restarts += 1;
-            let (pid, incarnation) = (
-                self.slots[index].pid,
-                self.control_page.process(index).incarnation(),
-            );
             report(Event::Restarted {
                 process: self.name(index),
                 exit,
-                pid,
-                incarnation,
+                pid: self.slots[index].pid,
+                incarnation: self.control_page.process(index).incarnation(),
             });
         }
         None

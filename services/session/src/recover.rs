@@ -68,7 +68,10 @@ fn left(folder: &Path) -> Result<(Results, Job), Failure> {
     // Refused while the run goes on.
     let results = Results::of_run(&folder)?;
     if !folder.join(JOB).exists() {
-        return Err(Failure::Input(nothing_begun(&folder)));
+        let folder = folder.display();
+        return Err(Failure::Input(format!(
+            "{folder} has no {JOB}: its run was killed before it started a process, or it is no folder of a run; `armplane run SCENARIO --out {folder}` makes the run in it"
+        )));
     }
     let mut job = run.job()?;
     if !job.record {
@@ -202,14 +205,6 @@ fn add_shared_memory(summary: &mut Summary, job: &Job, page: Option<&ControlPage
         let gone = "faults and ends of processes before are not known: they stood in shared memory, which is gone";
         summary.reason = joined([&summary.reason, gone]);
     }
-}
-
-/// Why a folder without a job has nothing to recover, and the remedy.
-fn nothing_begun(folder: &Path) -> String {
-    let folder = folder.display();
-    format!(
-        "{folder} has no {JOB}: its run was killed before it started a process, or it is no folder of a run; `armplane run SCENARIO --out {folder}` makes the run in it"
-    )
 }
 
 /// The control page of a run whose directory still exists.
