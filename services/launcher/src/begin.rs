@@ -2,7 +2,9 @@
 
 use std::time::{Duration, Instant};
 
-use runtime::{ControlPage, FaultTable, Hub, Manifest, Mode, Origin, Phase, RunDir, State, now_ns};
+use runtime::{
+    ControlPage, Exit, FaultTable, Hub, Manifest, Mode, Origin, Phase, RunDir, State, now_ns,
+};
 
 use crate::child::Child;
 use crate::delay::Delay;
@@ -180,8 +182,7 @@ impl Supervised {
     /// A process has ended before the first tick. One that was killed is started again, in lockstep with all others; one that has ended by itself says
     /// why it cannot begin.
     fn ends_early(&mut self, index: usize) -> Result<(), Failure> {
-        let exit = self.slots[index].exit;
-        let is_signal = exit.and_then(|exit| exit.signal()).is_some();
+        let is_signal = self.slots[index].exit.and_then(Exit::signal).is_some();
         if self.plan.mode == Mode::Lockstep {
             self.fall(index);
         }
