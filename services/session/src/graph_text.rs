@@ -1,7 +1,5 @@
 //! A process graph as text: a table, a drawing for Graphviz or Mermaid, or its topics.
 
-use std::fmt;
-
 use serde::Serialize;
 use serde_json::{Value, json};
 use shared_types::graph::Graph;
@@ -69,37 +67,29 @@ pub fn mermaid(graph: &Graph) -> String {
     "flowchart LR\n".to_owned() + &edges.collect::<String>()
 }
 
-/// The topics of a graph: types, sizes, writers and readers.
-pub struct Topics<'a>(pub &'a Graph);
+/// The topics of a graph, as an array of one object a topic.
+pub fn topics_json(graph: &Graph) -> Value {
+    rows(graph).map(|row| json!(row)).collect()
+}
 
-impl Topics<'_> {
-    /// An array of one object a topic.
-    pub fn json(&self) -> Value {
-        self.rows().map(|row| json!(row)).collect()
-    }
-
-    fn rows(&self) -> impl Iterator<Item = Topic<'_>> {
-        let Self(graph) = self;
-        let names = TOPICS
-            .into_iter()
-            .chain(graph.topic.iter().map(|declared| declared.name.as_str()));
-        names.filter_map(|name| {
-            let (layout, writer) = (graph.layout(name)?, graph.writer(name)?);
-            let readers = graph
-                .readers(name)
-                .map(|process| process.name.as_str())
-                .collect();
-            Some(Topic {
-                topic: name,
-                type_name: layout.type_name,
-                layout: format!("{:016x}", layout.hash),
-                bytes: layout.bytes,
-                writer: &writer.name,
-                readers,
-                messages_per_tick: 1,
-            })
+fn rows(graph: &Graph) -> impl Iterator<Item = Topic<'_>> {
+    let declared = graph.topic.iter().map(|declared| declared.name.as_str());
+    TOPICS.into_iter().chain(declared).filter_map(|name| {
+        let (layout, writer) = (graph.layout(name)?, graph.writer(name)?);
+        let readers = graph
+            .readers(name)
+            .map(|process| process.name.as_str())
+            .collect();
+        Some(Topic {
+            topic: name,
+            type_name: layout.type_name,
+            layout: format!("{:016x}", layout.hash),
+            bytes: layout.bytes,
+            writer: &writer.name,
+            readers,
+            messages_per_tick: 1,
         })
-    }
+    })
 }
 
 #[derive(Serialize)]
@@ -114,25 +104,23 @@ struct Topic<'a> {
     messages_per_tick: u32,
 }
 
-impl fmt::Display for Topics<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut rows = table(&["topic", "type", "layout", "bytes", "writer", "readers"]);
-        for row in self.rows() {
-            rows.add_row([
-                row.topic.into(),
-                row.type_name.into(),
-                row.layout.into(),
-                number(row.bytes),
-                row.writer.into(),
-                row.readers.join("\n").into(),
-            ]);
-        }
-        writeln!(f, "{rows}")?;
-        writeln!(
-            f,
-            "Each topic has one message per tick, and is an iceoryx2 publish-subscribe service with that name and type; \
-             a run's services live under its own directory and prefix, /dev/shm/armplane-… (docs/wire.md).\n\
-             Fields: `armplane generate wire`"
-        )
+/// The topics of a graph: types, sizes, writers and readers.
+pub fn topics(graph: &Graph) -> String {
+    let mut topics = table(&["topic", "type", "layout", "bytes", "writer", "readers"]);
+    for row in rows(graph) {
+        topics.add_row([
+            row.topic.into(),
+            row.type_name.into(),
+            row.layout.into(),
+            number(row.bytes),
+            row.writer.into(),
+            row.readers.join("\n").into(),
+        ]);
     }
+    format!(
+        "{topics}\n\
+         Each topic has one message per tick, and is an iceoryx2 publish-subscribe service with that name and type; \
+             a run's services live under its own directory and prefix, /dev/shm/armplane-… (docs/wire.md).\n\
+             Fields: `armplane generate wire`\n"
+    )
 }

@@ -6,6 +6,7 @@
 //! text.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
+pub mod fault_kinds;
 pub mod graph_text;
 pub mod load;
 pub mod observation;
@@ -17,7 +18,6 @@ mod catalogue;
 mod drawing;
 mod export;
 mod failure;
-mod fault_kinds;
 mod injection;
 mod launch;
 mod layout;
@@ -48,7 +48,6 @@ pub use catalogue::Catalogue;
 pub use drawing::{Shown, shown};
 pub use export::{Export, ExportFormat, export};
 pub use failure::Failure;
-pub use fault_kinds::FaultKinds;
 pub use injection::inject;
 pub use launch::{Begin, GUARD, ROBOT, interrupts, launch, launch_watched};
 pub use launcher::Interrupts;
