@@ -2,7 +2,7 @@
 //! keeps its results, finds them again and exports them.
 //!
 //! [`run`] is one run in that order. Nothing starts before everything is validated. This crate
-//! prints nothing: events of a run go to an [`Observer`], and [`RunText`] turns a summary into
+//! prints nothing: events of a run go to an [`Observer`], and [`run_text`] turns a summary into
 //! text.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
@@ -68,5 +68,5 @@ pub use session::{Finished, Request, run, run_loaded, whole};
 pub use shared_types::job::JOB;
 pub use steer::{Steering, Targets};
 pub use summary::{deadlines, summarise};
-pub use text::{RunText, Verdict};
+pub use text::{run_text, verdict};
 pub use viewer::{WATCH, show, viewer_command, watch};
