@@ -6,6 +6,7 @@ use serde_json::{Value, json};
 
 use crate::body::{Body, Form, Part};
 use crate::meshes::Meshes;
+use crate::pose::rotation;
 
 /// The arm's `pieces`, on a floor at this height, m, in base axes; `lacking`, a sentence about meshes that cannot be read, for which simpler shapes stand in, or null.
 ///
@@ -28,10 +29,10 @@ fn piece(part: &Part) -> Value {
             ("mesh", corners.collect())
         }
     };
-    let [x, y, z, w] = part.at.rotation().to_array();
+    let [x, y, z, w] = rotation(&part.at).to_array();
     let [red, green, blue, _] = part.colour.to_be_bytes();
     json!({
-        "joint": part.link, "position": part.at.p.to_array(), "wxyz": [w, x, y, z],
+        "joint": part.link, "position": part.at.translation.to_array(), "wxyz": [w, x, y, z],
         "form": form, "sizes": sizes, "color": [red, green, blue],
     })
 }

@@ -7,7 +7,7 @@ use crate::out::say;
 use session::Failure;
 
 pub(crate) fn clean(as_json: bool) -> Result<bool, Failure> {
-    let removed = launcher::clean().map_err(Failure::work)?;
+    let removed = runtime::RunDir::remove_stale().map_err(Failure::work)?;
     let folders = remove_abandoned().map_err(Failure::work)?;
     if as_json {
         let removed: Vec<_> =

@@ -2,7 +2,7 @@
 
 use clap::Args;
 use serde_json::json;
-use session::{Failure, FaultKinds, inject};
+use session::{Failure, fault_kinds, inject};
 use shared_types::fault::{Fault, Kind, Way};
 
 use crate::out::{answer, say_json, show};
@@ -83,9 +83,9 @@ pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<bool, Failure> {
     let (Some(process), Some(kind)) = (&args.process, args.kind) else {
         if args.list {
             if as_json {
-                say_json(&FaultKinds.json())?;
+                say_json(&fault_kinds::json())?;
             } else {
-                show(&FaultKinds);
+                show(&fault_kinds::text());
             }
             return Ok(true);
         }

@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use session::{Failure, GraphText, Topics, load};
+use session::graph_text::{dot, mermaid, processes, topics, topics_json};
+use session::{Failure, load};
 
 use crate::out::{say, say_json, show};
 
@@ -32,12 +33,12 @@ enum GraphFormat {
 pub(crate) fn graph(args: &GraphArgs, as_json: bool) -> Result<bool, Failure> {
     let graph = load::graph(args.file.as_deref())?;
     match args.format {
-        GraphFormat::Topics if as_json => say_json(&Topics(&graph).json())?,
+        GraphFormat::Topics if as_json => say_json(&topics_json(&graph))?,
         _ if as_json => say!("{}", serde_json::to_string(&graph).map_err(Failure::work)?),
-        GraphFormat::Text => show(&GraphText::Table(&graph)),
-        GraphFormat::Dot => show(&GraphText::Dot(&graph)),
-        GraphFormat::Topics => show(&Topics(&graph)),
-        GraphFormat::Mermaid => show(&GraphText::Mermaid(&graph)),
+        GraphFormat::Text => show(&processes(&graph)),
+        GraphFormat::Dot => show(&dot(&graph)),
+        GraphFormat::Topics => show(&topics(&graph)),
+        GraphFormat::Mermaid => show(&mermaid(&graph)),
     }
     Ok(true)
 }

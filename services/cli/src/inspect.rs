@@ -51,7 +51,7 @@ pub(crate) struct InspectArgs {
 
 pub(crate) fn inspect(args: &InspectArgs, as_json: bool) -> Result<bool, Failure> {
     let (frame, base) = (args.frame.as_deref(), args.base.as_deref());
-    let robot = load::robot(&args.robot, None, frame, base)?;
+    let robot = load::robot(&args.robot, frame, base)?;
     let q = posture(args, &robot)?;
     let qdot = args.qdot.clone().unwrap_or_else(|| vec![0.0; q.len()]);
     if qdot.len() != q.len() || qdot.iter().any(|rate| !rate.is_finite()) {

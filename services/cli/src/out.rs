@@ -18,7 +18,7 @@ use std::sync::{Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use session::table::count;
-use session::{Failure, RunText, Verdict};
+use session::{Failure, run_text};
 use shared_types::summary::{REACHED, Summary};
 use textwrap::core::{Word, display_width};
 use textwrap::{Options, WordSeparator, WrapAlgorithm};
@@ -462,12 +462,8 @@ pub(crate) fn show_run(summary: &Summary, folder: &Path, form: Form) -> Result<(
     if matches!(form, Form::Json) {
         return say_json(summary);
     }
-    show(&RunText {
-        summary,
-        folder,
-        is_long: matches!(form, Form::Long),
-    });
-    let verdict = format!("{}\n", Verdict(summary));
+    show(&run_text(summary, folder, matches!(form, Form::Long)));
+    let verdict = session::verdict(summary) + "\n";
     let verdict = wrapped(&plain(&verdict), &stdout()).into_owned();
     let colour = match summary.outcome.as_str() {
         REACHED => "32",

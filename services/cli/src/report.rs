@@ -1,6 +1,5 @@
 //! `armplane report`: a run as one HTML page.
 
-use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -35,11 +34,7 @@ pub(crate) fn report(args: &ReportArgs, as_json: bool) -> Result<bool, Failure> 
         )));
     }
     let session::Page { text, shortfall } = session::report(&run, &observe)?;
-    let written = Draft::create(&path).and_then(|(draft, mut file)| {
-        file.write_all(text.as_bytes())?;
-        draft.place()
-    });
-    written.map_err(|error| {
+    Draft::write(&path, &text).map_err(|error| {
         Failure::Work(format!(
             "cannot write {}: {error}; choose another file with --out",
             path.display()

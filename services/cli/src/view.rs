@@ -42,13 +42,13 @@ pub(crate) fn view(args: &ViewArgs, as_json: bool) -> Result<bool, Failure> {
     Ok(shown.lack.is_none())
 }
 
-fn show_file(file: &PathBuf, layout: Option<&Path>, as_json: bool) -> Result<(), Failure> {
+fn show_file(file: &Path, layout: Option<&Path>, as_json: bool) -> Result<(), Failure> {
     if as_json {
-        let all: Vec<_> = [file.as_path()].into_iter().chain(layout).collect();
+        let files: Vec<_> = [file].into_iter().chain(layout).collect();
         say!(
             "{}",
-            serde_json::json!({"viewer": viewer_command(), "files": all})
+            serde_json::json!({"viewer": viewer_command(), "files": files})
         );
     }
-    show(std::slice::from_ref(file), layout, &observe)
+    show(file, layout, &observe)
 }

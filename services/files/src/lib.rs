@@ -37,6 +37,13 @@ pub fn open(path: &Path) -> io::Result<File> {
     }
 }
 
+/// The folder of a file; `.` of a name alone.
+pub fn folder_of(path: &Path) -> &Path {
+    let folder = path.parent();
+    let named = folder.filter(|folder| !folder.as_os_str().is_empty());
+    named.unwrap_or(Path::new("."))
+}
+
 /// Makes a folder, and those above it, where they are not there yet.
 ///
 /// # Errors
@@ -96,10 +103,7 @@ const SEEN: usize = 1000;
 
 /// The remedy for a file that is not there: one of its kind in its folder with a similar name, or those that there are.
 fn instead_of(path: &Path) -> String {
-    let folder = path
-        .parent()
-        .filter(|folder| !folder.as_os_str().is_empty());
-    let folder = folder.unwrap_or(Path::new("."));
+    let folder = folder_of(path);
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let is_alike = |one: &Path| one.extension() == path.extension() && one.is_file();
     let Ok(entries) = folder.read_dir() else {
@@ -112,16 +116,12 @@ fn instead_of(path: &Path) -> String {
     });
     let mut names: Vec<String> = names.collect();
     names.sort();
-    let mut known = names.iter().map(String::as_str);
-    match nearest(&name, known.clone()) {
+    match nearest(&name, names.iter().map(String::as_str)) {
         Some(near) => format!("did you mean `{}`?", path.with_file_name(near).display()),
         None if names.is_empty() || names.len() > LISTED => {
             "give the path of one that exists".to_owned()
         }
-        None => {
-            let all = known.by_ref().collect::<Vec<_>>().join(", ");
-            format!("in its folder there are {all}")
-        }
+        None => format!("in its folder there are {}", names.join(", ")),
     }
 }
 
@@ -165,14 +165,6 @@ fn read_at_most(path: &Path, most: u64) -> io::Result<Vec<u8>> {
 /// for a reader. A descriptor of this process (`/dev/stdout`, `/dev/fd/N`) is written to.
 pub fn create(path: &Path) -> io::Result<File> {
     writable(path, OFlags::CREATE | OFlags::TRUNC)
-}
-
-/// Opens a file that is there, and keeps what it holds.
-///
-/// # Errors
-/// As [`create`].
-pub fn amend(path: &Path) -> io::Result<File> {
-    writable(path, OFlags::empty())
 }
 
 fn writable(path: &Path, how: OFlags) -> io::Result<File> {
@@ -230,12 +222,24 @@ impl Draft {
         let beside = if path == Path::new("/dev/stdout") || is_held(path) {
             None
         } else {
-            is_there.then(|| amend(path)).transpose()?;
+            is_there
+                .then(|| writable(path, OFlags::empty()))
+                .transpose()?;
             Some(path.with_added_extension("tmp"))
         };
         let file = create(beside.as_deref().unwrap_or(path))?;
         let path = path.to_owned();
         Ok((Self { path, beside }, file))
+    }
+
+    /// Writes a file that is there whole or not at all, whenever this process is killed.
+    ///
+    /// # Errors
+    /// As [`create`](Self::create); nothing of it is left then.
+    pub fn write(path: &Path, bytes: impl AsRef<[u8]>) -> io::Result<()> {
+        let (draft, mut file) = Self::create(path)?;
+        file.write_all(bytes.as_ref())?;
+        draft.place()
     }
 
     /// Puts it into its place.
@@ -265,41 +269,23 @@ pub const LONGEST_LINE: usize = 64 << 10;
 /// The lines of a text that somebody else writes, until it ends; an error where it cannot be read. Of a line longer than [`LONGEST_LINE`] the beginning
 /// comes as soon as it is there, and the rest is skipped: a line without an end costs no memory.
 pub fn lines(mut text: impl BufRead) -> impl Iterator<Item = io::Result<String>> {
-    let mut is_skipping = false;
-    std::iter::from_fn(move || {
-        let mut line = Vec::new();
-        loop {
-            let bytes = match text.fill_buf() {
-                Ok(bytes) => bytes,
-                Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
-                Err(error) => return Some(Err(error)),
-            };
-            if bytes.is_empty() {
-                return (!line.is_empty()).then(|| Ok(words_of(&line)));
-            }
-            let end = bytes.iter().position(|byte| *byte == b'\n');
-            let here = end.unwrap_or(bytes.len());
-            let kept = if is_skipping {
-                0
-            } else {
-                here.min(LONGEST_LINE - line.len())
-            };
-            line.extend_from_slice(&bytes[..kept]);
-            let (was_skipping, is_cut) = (is_skipping, !is_skipping && kept < here);
-            is_skipping = end.is_none() && (is_skipping || is_cut);
-            text.consume(here + usize::from(end.is_some()));
-            if is_cut {
-                return Some(Ok(words_of(&line) + " … (cut at 64 KiB)"));
-            }
-            if end.is_some() && !was_skipping {
-                return Some(Ok(words_of(&line)));
-            }
+    let mut was_cut = false;
+    let mut next = move || -> io::Result<Option<String>> {
+        if was_cut {
+            text.skip_until(b'\n')?;
         }
-    })
-}
-
-fn words_of(line: &[u8]) -> String {
-    String::from_utf8_lossy(line).trim_end().to_owned()
+        let mut line = Vec::new();
+        let mut beginning = text.by_ref().take(LONGEST_LINE as u64 + 1);
+        if beginning.read_until(b'\n', &mut line)? == 0 {
+            return Ok(None);
+        }
+        was_cut = line.len() > LONGEST_LINE && !line.ends_with(b"\n");
+        line.truncate(LONGEST_LINE);
+        let words = String::from_utf8_lossy(&line).trim_end().to_owned();
+        let mark = if was_cut { " … (cut at 64 KiB)" } else { "" };
+        Ok(Some(words + mark))
+    };
+    std::iter::from_fn(move || next().transpose())
 }
 
 /// Whether a path names a descriptor of this process.
@@ -343,18 +329,21 @@ mod tests {
         assert_eq!(unread.unwrap_err().kind(), io::ErrorKind::IsADirectory);
     }
 
+    /// A file, a named pipe, and a link to one of them.
+    fn folder_with_link_to(target: &str) -> (tempfile::TempDir, [PathBuf; 3]) {
+        let folder = tempfile::tempdir().unwrap();
+        let paths = ["file", "pipe", "link"].map(|name| folder.path().join(name));
+        let [file, pipe, link] = &paths;
+        std::fs::write(file, "text").unwrap();
+        mknodat(CWD, pipe, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
+        std::os::unix::fs::symlink(folder.path().join(target), link).unwrap();
+        (folder, paths)
+    }
+
     #[test]
     fn a_file_that_is_not_regular_is_refused_at_once_and_a_pipe_in_hand_is_read() {
-        let folder = tempfile::tempdir().unwrap();
-        let (file, pipe, link) = (
-            folder.path().join("file"),
-            folder.path().join("pipe"),
-            folder.path().join("link"),
-        );
-        std::fs::write(&file, "text").unwrap();
+        let (folder, [file, pipe, link]) = folder_with_link_to("pipe");
         assert_eq!(read_text(&file, LARGEST).unwrap(), "text");
-        mknodat(CWD, &pipe, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
-        std::os::unix::fs::symlink(&pipe, &link).unwrap();
         for path in [&pipe, &link] {
             let error = open(path).unwrap_err();
             assert!(
@@ -399,13 +388,10 @@ mod tests {
 
     #[test]
     fn nothing_is_written_behind_a_link_into_a_pipe_or_into_a_device() {
-        let folder = tempfile::tempdir().unwrap();
-        let [file, pipe, link] = ["file", "pipe", "link"].map(|name| folder.path().join(name));
+        let (_folder, [file, pipe, link]) = folder_with_link_to("file");
         write(&file, "a longer text").unwrap();
         write(&file, "text").unwrap();
         assert_eq!(read_text(&file, LARGEST).unwrap(), "text");
-        mknodat(CWD, &pipe, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
-        std::os::unix::fs::symlink(&file, &link).unwrap();
         let refused = |path: &Path| write(path, "x").unwrap_err().kind();
         for path in [&pipe, &link, Path::new("/dev/null")] {
             assert_eq!(refused(path), io::ErrorKind::InvalidInput, "{path:?}");

@@ -2,7 +2,9 @@
 
 use std::time::{Duration, Instant};
 
-use runtime::{ControlPage, FaultTable, Hub, Manifest, Mode, Origin, Phase, RunDir, State, now_ns};
+use runtime::{
+    ControlPage, Exit, FaultTable, Hub, Manifest, Mode, Origin, Phase, RunDir, State, now_ns,
+};
 
 use crate::child::Child;
 use crate::delay::Delay;
@@ -10,7 +12,7 @@ use crate::launch::Halt;
 use crate::outcome::{End, Failure, LaunchError};
 use crate::plan::{Commands, Plan, Report};
 use crate::signals::Interrupts;
-use crate::spawn::{Slot, Slots, Supervised};
+use crate::spawn::{Slot, Supervised};
 use crate::unfinished::Sweeper;
 
 /// Leaves to all processes what they go on from.
@@ -67,7 +69,7 @@ impl Supervised {
         let sweeper = Sweeper::start(&run)?;
         let count = plan.children.len();
         let mut started = Self {
-            slots: Slots(slots),
+            slots,
             hub,
             sweeper,
             control_page,
@@ -170,7 +172,7 @@ impl Supervised {
                     }));
                 }
                 Some(index) => {
-                    let halted = self.slots.0[index].child.as_ref().and_then(Child::halted);
+                    let halted = self.slots[index].child.as_ref().and_then(Child::halted);
                     self.note_delay(index, Some(halted.unwrap_or(Delay::NotReady)), report);
                 }
             }
@@ -180,8 +182,7 @@ impl Supervised {
     /// A process has ended before the first tick. One that was killed is started again, in lockstep with all others; one that has ended by itself says
     /// why it cannot begin.
     fn ends_early(&mut self, index: usize) -> Result<(), Failure> {
-        let exit = self.slots.0[index].exit;
-        let is_signal = exit.and_then(|exit| exit.signal()).is_some();
+        let is_signal = self.slots[index].exit.and_then(Exit::signal).is_some();
         if self.plan.mode == Mode::Lockstep {
             self.fall(index);
         }

@@ -24,7 +24,8 @@ const LAST_WORDS_LIMIT: Duration = Duration::from_millis(200);
 /// not wait for its reader.
 const WAITING: usize = 1 << 20;
 
-/// A child that has been started and whose exit has not been taken in yet.
+/// A child that has been started and whose exit has not been taken in yet. It ends with this value.
+#[derive(Debug)]
 pub(crate) struct Child {
     process: std::process::Child,
     pub(crate) pidfd: OwnedFd,
@@ -32,13 +33,13 @@ pub(crate) struct Child {
 }
 
 /// Hears a child's standard error, on a thread that never waits for the launcher.
-#[derive(Default)]
+#[derive(Debug, Default)]
 pub(crate) struct Ear {
     heard: Mutex<Heard>,
     ended: Condvar,
 }
 
-#[derive(Default)]
+#[derive(Debug, Default)]
 struct Heard {
     /// Lines that the launcher has not taken yet, and their bytes.
     waiting: Vec<String>,
@@ -105,33 +106,22 @@ impl Child {
             });
         }
         let mut process = command.spawn()?;
-        let ear = Arc::new(Ear::default());
-        let stderr = process.stderr.take();
-        match pidfd_open(pid_of(&process), PidfdFlags::empty()) {
-            Ok(pidfd) => {
-                if let Some(stderr) = stderr {
-                    let listener = Arc::clone(&ear);
-                    if let Err(error) = std::thread::Builder::new()
-                        .name("stderr".into())
-                        .spawn(move || listener.listen(stderr))
-                    {
-                        let _ = process.kill();
-                        let _ = process.wait();
-                        return Err(error);
-                    }
-                }
-                Ok(Self {
-                    process,
-                    pidfd,
-                    ear,
-                })
-            }
-            Err(errno) => {
-                let _ = process.kill();
-                let _ = process.wait();
-                Err(errno.into())
-            }
+        let pidfd = pidfd_open(Pid::from_child(&process), PidfdFlags::empty());
+        let pidfd = pidfd.inspect_err(|_| {
+            let _ = process.kill().and_then(|()| process.wait());
+        })?;
+        let (stderr, ear) = (process.stderr.take(), Arc::new(Ear::default()));
+        let listener = Arc::clone(&ear);
+        let child = Self {
+            process,
+            pidfd,
+            ear,
+        };
+        if let Some(stderr) = stderr {
+            let thread = std::thread::Builder::new().name("stderr".into());
+            thread.spawn(move || listener.listen(stderr))?;
         }
+        Ok(child)
     }
 
     pub(crate) fn pid(&self) -> u32 {
@@ -197,6 +187,12 @@ impl Child {
     }
 }
 
+impl Drop for Child {
+    fn drop(&mut self) {
+        self.kill_and_wait();
+    }
+}
+
 /// The fields of a `stat` from the third on, the state. The second is the command in parentheses and may contain anything: they count from its end.
 fn fields(stat: &str) -> impl Iterator<Item = &str> {
     let rest = stat.rsplit_once(") ").map(|(_, rest)| rest.split(' '));
@@ -215,10 +211,6 @@ fn is_dying(stat: &str, status: &str) -> bool {
         u64::from_str_radix(word.trim(), 16).ok()
     });
     flags.unwrap_or(0_u64) & ENDING != 0 || pending.any(|signals| signals & KILL != 0)
-}
-
-fn pid_of(process: &std::process::Child) -> Pid {
-    Pid::from_child(process)
 }
 
 #[cfg(test)]

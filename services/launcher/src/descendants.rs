@@ -7,23 +7,23 @@
 use std::io::Read;
 use std::os::unix::ffi::OsStrExt;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::Child;
 
 use runtime::{PROCESS_VARIABLE, RUN_VARIABLE};
 use rustix::process::{Pid, Signal, getpid, kill_process};
 
+use crate::plan::start_beside;
+
 /// A descendant that is being killed may start another one: so often its run is looked through.
 const ROUNDS: u32 = 50;
 
-/// Kills all processes that have the run, or one process of it, in their environment. Returns their
-/// number.
+/// Kills all processes that have the run, or one process of it, in their environment.
 ///
 /// Requires that the process, or all processes of the run, have ended: a process that lives has the run in its environment too.
-pub fn end_descendants(run: &Path, process: Option<&str>) -> usize {
+pub fn end_descendants(run: &Path, process: Option<&str>) {
     let entry = |name: &str, value: &[u8]| [name.as_bytes(), b"=", value].concat();
     let run = entry(RUN_VARIABLE, run.as_os_str().as_bytes());
     let process = process.map(|process| entry(PROCESS_VARIABLE, process.as_bytes()));
-    let mut ended = Vec::new();
     for _ in 0..ROUNDS {
         let found: Vec<Pid> = processes()
             .filter(|pid| belongs_to(*pid, &run, process.as_deref()))
@@ -34,13 +34,9 @@ pub fn end_descendants(run: &Path, process: Option<&str>) -> usize {
         for pid in found {
             // It fails where the process has just ended.
             let _ = kill_process(pid, Signal::KILL);
-            if !ended.contains(&pid) {
-                ended.push(pid);
-            }
         }
         std::thread::sleep(std::time::Duration::from_millis(2));
     }
-    ended.len()
 }
 
 fn processes() -> impl Iterator<Item = Pid> {
@@ -71,26 +67,16 @@ pub struct Guard {
 }
 
 impl Guard {
-    /// Starts `command`, which is to call [`guard`], for a run.
+    /// Starts the subcommand that calls [`guard`], for a run.
     ///
     /// # Errors
     /// When it cannot be started.
-    pub fn start(command: Command, run: &Path) -> std::io::Result<Self> {
+    pub fn start(subcommand: &str, run: &Path) -> std::io::Result<Self> {
         Ok(Self {
-            child: spawn(command)?,
+            child: start_beside(subcommand, run)?,
             run: run.to_owned(),
         })
     }
-}
-
-/// Apart from the terminal's signals, as every process of the run.
-fn spawn(mut command: Command) -> std::io::Result<Child> {
-    std::os::unix::process::CommandExt::process_group(&mut command, 0);
-    command
-        .stdin(Stdio::piped())
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn()
 }
 
 impl Drop for Guard {

@@ -7,7 +7,7 @@ use runtime::{Mode, Stop};
 
 use crate::limits;
 use crate::outcome::{Death, End, Failure, LaunchError, Outcome};
-use crate::plan::{Begin, Commands, Event, Newest, Plan, Report, Restart};
+use crate::plan::{Begin, Commands, Event, Newest, Plan, Report};
 use crate::signals::{Interrupts, Urgency};
 use crate::spawn::Supervised;
 
@@ -72,7 +72,7 @@ impl Launcher {
     pub fn prepare(plan: Plan) -> Result<Self, LaunchError> {
         limits::raise_open_files();
         let course = Course {
-            signals: Interrupts::catch().map_err(LaunchError::Signals)?,
+            signals: Interrupts::catch()?,
             deaths: Vec::new(),
             first: plan.begin.clone(),
             roll_backs: 0,
@@ -118,10 +118,7 @@ impl Launcher {
         started.stops_at = course.interrupted;
         let mut halt = match started.await_beginning(commands, &mut course.signals, report)? {
             Some(halt) => halt,
-            None => {
-                report(Event::Go);
-                started.watch(commands, &mut course.signals, report)
-            }
+            None => started.watch(commands, &mut course.signals, report),
         };
         if let Halt::End(end) = halt {
             let signal = match end {
@@ -150,8 +147,7 @@ impl Launcher {
         if from > before {
             self.course.roll_backs = 0;
         }
-        let fallen = &self.started.fallen;
-        if let Some(failure) = self.course.end_of_patience(fallen, &self.started) {
+        if let Some(failure) = self.course.end_of_patience(&self.started) {
             let end = End::Failed(failure);
             let (started, signals) = (&mut self.started, &mut self.course.signals);
             started.control_page.request_stop(Stop::Early);
@@ -180,7 +176,7 @@ impl Launcher {
             started,
             mut course,
         } = self;
-        for (known, slot) in course.restarts.iter_mut().zip(&started.slots.0) {
+        for (known, slot) in course.restarts.iter_mut().zip(&started.slots) {
             known.1 += slot.unheard();
         }
         let (plan, control_page) = started.dismantle();
@@ -204,7 +200,7 @@ impl Launcher {
 }
 
 /// Whether a process has ended for a reason of its own that would come again, after these earlier deaths, in a start from a tick on.
-fn is_last(death: &Death, earlier: &[Death], begin: u64, restart: Restart) -> bool {
+fn is_last(death: &Death, earlier: &[Death], begin: u64, most_restarts: u32) -> bool {
     let Death {
         process,
         tick,
@@ -216,17 +212,17 @@ fn is_last(death: &Death, earlier: &[Death], begin: u64, restart: Restart) -> bo
     // All that die before their first tick die at the same one, whenever and whatever for.
     let is_telling = !is_signal || *tick > begin;
     // A program that ends by itself before its first answer would read the same again.
-    let is_sure = !is_signal && (restart == Restart::Never || *tick == 0);
+    let is_sure = !is_signal && (most_restarts == 0 || *tick == 0);
     exit.is_own() && (is_sure || is_telling && earlier.iter().any(is_same))
 }
 
 impl Course {
-    /// Why these deaths are the end of the run: too many, or an error of its own that comes again, or whose process is not to be started again.
-    fn end_of_patience(&self, fallen: &[Fallen], started: &Supervised) -> Option<Failure> {
-        let unplanned = || fallen.iter().filter(|one| !one.is_planned);
+    /// Why the deaths of a start are the end of the run: too many, or an error of its own that comes again, or whose process is not to be started again.
+    fn end_of_patience(&self, started: &Supervised) -> Option<Failure> {
+        let unplanned = || started.fallen.iter().filter(|one| !one.is_planned);
         let is_again = |one: &&Fallen| {
-            let restart = started.plan.children[one.index].restart;
-            is_last(&one.death, &self.deaths, started.plan.begin.tick, restart)
+            let most = started.plan.children[one.index].most_restarts;
+            is_last(&one.death, &self.deaths, started.plan.begin.tick, most)
         };
         let last = if self.roll_backs >= MOST_ROLL_BACKS {
             unplanned().next()
@@ -275,26 +271,22 @@ mod tests {
             last_line: None,
             again: None,
         };
-        let always = Restart::Budget {
-            times: 5,
-            back_off: std::time::Duration::ZERO,
-        };
         let (crash, error, kill) = (Exit::Signal(11), Exit::Code(1), Exit::Signal(9));
-        for (exit, tick, earlier, restart, expected) in [
-            (crash, 1420, None, Restart::Never, false),
-            (crash, 1420, Some(1420), Restart::Never, true),
-            (crash, 1420, Some(1420), always, true),
-            (crash, 1420, Some(1300), always, false),
-            (crash, 1000, Some(1000), always, false),
-            (error, 1000, Some(1000), always, true),
-            (error, 1420, None, always, false),
-            (error, 1420, None, Restart::Never, true),
-            (kill, 1420, Some(1420), Restart::Never, false),
-            (error, 0, None, always, true),
-            (crash, 0, None, always, false),
+        for (exit, tick, earlier, most_restarts, expected) in [
+            (crash, 1420, None, 0, false),
+            (crash, 1420, Some(1420), 0, true),
+            (crash, 1420, Some(1420), 5, true),
+            (crash, 1420, Some(1300), 5, false),
+            (crash, 1000, Some(1000), 5, false),
+            (error, 1000, Some(1000), 5, true),
+            (error, 1420, None, 5, false),
+            (error, 1420, None, 0, true),
+            (kill, 1420, Some(1420), 0, false),
+            (error, 0, None, 5, true),
+            (crash, 0, None, 5, false),
         ] {
             let earlier: Vec<_> = earlier.map(|tick| death(tick, exit)).into_iter().collect();
-            let found = is_last(&death(tick, exit), &earlier, 1000, restart);
+            let found = is_last(&death(tick, exit), &earlier, 1000, most_restarts);
             assert_eq!(found, expected, "{exit} at {tick} after {earlier:?}");
         }
     }

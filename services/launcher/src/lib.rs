@@ -5,7 +5,7 @@
 //! * Nothing stays half-started: if a process does not start or get ready, the others are stopped
 //!   and everything is removed.
 //! * No child outlives it, even if it is killed (`PR_SET_PDEATHSIG`), nor does any descendant
-//!   ([`Guard`]). [`RunDir::remove_stale`] removes leftovers in shared memory.
+//!   ([`Guard`]). [`runtime::RunDir::remove_stale`] removes leftovers in shared memory.
 //! * Ctrl-C reaches only the launcher. It asks the children to stop, then sends SIGTERM, then
 //!   SIGKILL, each after a time limit. The recorder is stopped last. A second Ctrl-C skips the
 //!   asking.
@@ -35,16 +35,6 @@ pub use descendants::{Guard, end_descendants, guard};
 pub use launch::{Launcher, Ran};
 pub use limits::with_room;
 pub use outcome::{Death, End, Failure, LaunchError, Outcome, ProcessOutcome};
-pub use plan::{Begin, Child, Event, Limits, Plan, Restart, reexec};
+pub use plan::{Begin, Child, Event, Limits, Plan, reexec, start_beside};
 pub use runtime::Exit;
 pub use signals::Interrupts;
-
-use runtime::RunDir;
-
-/// Removes what dead launchers of this user left in shared memory; living runs are not touched.
-///
-/// # Errors
-/// When a file cannot be removed.
-pub fn clean() -> Result<Vec<runtime::FoundRun>, runtime::RunDirError> {
-    RunDir::remove_stale()
-}

@@ -1,8 +1,9 @@
 //! The plan of a run: its processes, and the events that it reports.
 
 use std::io;
+use std::os::unix::process::CommandExt;
 use std::path::Path;
-use std::process::Command;
+use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use runtime::{Exit, FaultTable, Mode, NamedSaved, Process};
@@ -12,20 +13,6 @@ use shared_types::layout::MessageLayout;
 use crate::delay::Delay;
 use crate::outcome::Death;
 
-/// The response to an unrequested end of a process in real time. In lockstep all processes start again.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Restart {
-    /// The run ends.
-    Never,
-    /// Start it again, up to so many times in the run, after a pause that doubles each time.
-    Budget {
-        /// How many times.
-        times: u32,
-        /// The first pause.
-        back_off: Duration,
-    },
-}
-
 /// A process to start.
 #[derive(Clone, Debug)]
 pub struct Child {
@@ -33,8 +20,9 @@ pub struct Child {
     pub process: Process,
     /// Its successful end, after all ticks, is the end of the run.
     pub ends_run: bool,
-    /// The response to its unrequested end.
-    pub restart: Restart,
+    /// How often it is started again in real time after an unrequested end; after one more the run ends. In lockstep all processes start again, whatever
+    /// this is; 0 means that an error of its own is the end there too.
+    pub most_restarts: u32,
 }
 
 /// The launcher's time limits. `None`: no limit, because in lockstep no clock decides about a
@@ -67,49 +55,41 @@ impl Limits {
     /// share its core with others. In real time a silent process is replaced.
     pub fn of(mode: Mode) -> Self {
         let seconds = Duration::from_secs;
-        let (stop, stop_polled, awaits_person) = (seconds(2), seconds(30), false);
+        let patient = Self {
+            start: None,
+            awaits_person: false,
+            stop: seconds(2),
+            stop_polled: seconds(30),
+            kills_at_end: false,
+            wait: None,
+            silent: None,
+            stopped: None,
+        };
         match mode {
-            Mode::Lockstep => Self {
-                start: None,
-                awaits_person,
-                stop,
-                stop_polled,
-                kills_at_end: false,
-                wait: None,
-                silent: None,
-                stopped: None,
-            },
+            Mode::Lockstep => patient,
             Mode::Realtime => Self {
                 start: Some(START),
-                awaits_person,
-                stop,
-                stop_polled,
                 kills_at_end: true,
                 wait: Some(seconds(10)),
                 silent: Some(seconds(2)),
                 stopped: Some(Duration::from_millis(100)),
+                ..patient
             },
         }
     }
 
     /// With the user's own limit on how long a process may be silent or stopped; until its first tick it has at least [`START`].
     pub fn with_silence(self, limit: Option<Duration>) -> Self {
-        match limit {
-            Some(limit) => {
-                let start = if self.awaits_person {
-                    None
-                } else {
-                    Some(limit.max(self.start.unwrap_or(START)).max(START))
-                };
-                Self {
-                    start,
-                    silent: Some(limit),
-                    stopped: Some(limit),
-                    kills_at_end: true,
-                    ..self
-                }
-            }
-            None => self,
+        let Some(silent) = limit else {
+            return self;
+        };
+        let start = silent.max(START).max(self.start.unwrap_or_default());
+        Self {
+            start: (!self.awaits_person).then_some(start),
+            silent: limit,
+            stopped: limit,
+            kills_at_end: true,
+            ..self
         }
     }
 }
@@ -145,8 +125,6 @@ pub struct Begin {
 /// An event of a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Event<'a> {
-    /// All processes are ready: the first tick begins.
-    Go,
     /// Ticks done so far; reported regularly.
     Progress {
         /// Ticks that the process whose end ends the run has begun.
@@ -199,8 +177,6 @@ pub enum Event<'a> {
         /// How often it has been started by now.
         incarnation: u32,
     },
-    /// The processes are asked to stop.
-    Stopping,
     /// All processes have ended, and the run's directory is about to be removed: the last chance to
     /// read it.
     Stopped,
@@ -221,6 +197,17 @@ pub fn reexec(process: &str, run: &Path) -> io::Result<Command> {
     let mut command = Command::new(std::env::current_exe()?);
     command.arg(process).arg("--run").arg(run);
     Ok(command)
+}
+
+/// Starts this program again beside a run, as `armplane NAME --run DIR`: apart from the terminal's signals, as every process of the run, and with a
+/// standard input that ends with this process.
+///
+/// # Errors
+/// When it cannot be started.
+pub fn start_beside(name: &str, run: &Path) -> io::Result<std::process::Child> {
+    let mut command = reexec(name, run)?;
+    let command = command.process_group(0).stdin(Stdio::piped());
+    command.stdout(Stdio::null()).stderr(Stdio::null()).spawn()
 }
 
 #[cfg(test)]

@@ -1,15 +1,18 @@
 //! The consequence of the unasked end of a process: in real time its replacement, in lockstep a new
 //! start of all.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use runtime::{Exit, FaultRecord, Mode, Origin, now_ns};
 use shared_types::fault::ScheduledFault;
 
 use crate::launch::Fallen;
 use crate::outcome::{Death, Failure};
-use crate::plan::{Commands, Event, Report, Restart};
+use crate::plan::{Commands, Event, Report};
 use crate::spawn::Supervised;
+
+/// The pause before a process is started again for the first time; it doubles each time.
+const BACK_OFF: Duration = Duration::from_millis(10);
 
 impl Supervised {
     /// In lockstep: a process has ended unasked. Nothing follows it in this start, so that it is noted once.
@@ -18,7 +21,7 @@ impl Supervised {
             return;
         }
         let is_planned = self.planned_ends(index) > self.planned_ends[index];
-        let slot = &self.slots.0[index];
+        let slot = &self.slots[index];
         let death = Death {
             process: self.name(index).to_owned(),
             tick: self.tick_of_end(index),
@@ -54,14 +57,12 @@ impl Supervised {
 
     /// In real time: plans the replacement of a process that has ended, as its budget allows.
     pub(crate) fn plan_restart(&mut self, index: usize) -> Result<(), Failure> {
-        let slot = &mut self.slots.0[index];
-        match self.plan.children[index].restart {
-            Restart::Budget { times, back_off } if slot.restarts < times => {
-                slot.due = Some(Instant::now() + back_off * 2_u32.saturating_pow(slot.restarts));
-                self.enter_death(index)
-            }
-            _ => Err(self.died(index, 0)),
+        let slot = &mut self.slots[index];
+        if slot.restarts >= self.plan.children[index].most_restarts {
+            return Err(self.died(index, 0));
         }
+        slot.due = Some(Instant::now() + BACK_OFF * 2_u32.saturating_pow(slot.restarts));
+        self.enter_death(index)
     }
 
     /// A death that a fault explains is detected; an unplanned one is entered, for its account.
@@ -77,7 +78,7 @@ impl Supervised {
                 });
             };
             // Before the others learn of it: their words say how it ended.
-            self.slots.0[index]
+            self.slots[index]
                 .exit
                 .into_iter()
                 .for_each(|exit| table.mark_exit(index, exit));
@@ -86,15 +87,13 @@ impl Supervised {
         }
         table.mark_detected(index, self.ticks(), now_ns());
         self.control_page.ring_all();
-        if let Some(line) = self.slots.0[index].last_words.last() {
-            let unplanned = table
-                .records()
-                .filter(|(_, account)| account.origin == Origin::Detected);
+        if let Some(line) = self.slots[index].last_words.last() {
+            let unplanned = self.ends(index);
             let last = unplanned
-                .filter(|(_, account)| account.scheduled.process as usize == index)
+                .filter(|account| account.origin == Origin::Detected)
                 .last();
             self.last_lines
-                .extend(last.map(|(_, account)| (index, account.scheduled.at, line.clone())));
+                .extend(last.map(|account| (index, account.scheduled.at, line.clone())));
         }
         Ok(())
     }
@@ -103,7 +102,7 @@ impl Supervised {
     pub(crate) fn enter_last_death(&mut self, process: &str) {
         let index = (0..self.plan.children.len()).find(|&index| self.name(index) == process);
         // One that was to be replaced has been entered.
-        if let Some(index) = index.filter(|&index| self.slots.0[index].due.is_none()) {
+        if let Some(index) = index.filter(|&index| self.slots[index].due.is_none()) {
             // A full table leaves the failure of the run, which has the same words.
             let _ = self.enter_death(index);
         }
@@ -111,7 +110,7 @@ impl Supervised {
 
     /// The end of a process as that of the run, after so many new starts of all processes.
     pub(crate) fn died(&self, index: usize, roll_backs: u32) -> Failure {
-        let slot = &self.slots.0[index];
+        let slot = &self.slots[index];
         let exit = slot.exit.unwrap_or(Exit::Code(0));
         // A process that gave up a wait ends by itself; of a signal the others are innocent.
         let suspect = self
@@ -161,7 +160,7 @@ impl Supervised {
         report: Report<'_>,
     ) -> Option<Failure> {
         for index in 0..self.plan.children.len() {
-            let slot = &self.slots.0[index];
+            let slot = &self.slots[index];
             let (Some(due), Some(exit)) = (slot.due, slot.exit) else {
                 continue;
             };
@@ -175,19 +174,15 @@ impl Supervised {
             }
             if let Err(error) = self.start(index, commands) {
                 tracing::error!("{error}");
-                self.slots.0[index].exit = Some(exit);
+                self.slots[index].exit = Some(exit);
                 return Some(self.died(index, 0));
             }
-            self.slots.0[index].restarts += 1;
-            let (pid, incarnation) = (
-                self.slots.0[index].pid,
-                self.control_page.process(index).incarnation(),
-            );
+            self.slots[index].restarts += 1;
             report(Event::Restarted {
                 process: self.name(index),
                 exit,
-                pid,
-                incarnation,
+                pid: self.slots[index].pid,
+                incarnation: self.control_page.process(index).incarnation(),
             });
         }
         None

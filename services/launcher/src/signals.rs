@@ -1,6 +1,5 @@
 //! Signals to the launcher, and its own priority.
 
-use std::io;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicI32, AtomicUsize, Ordering};
 
@@ -8,35 +7,32 @@ use signal_hook::consts::{
     SIGALRM, SIGHUP, SIGINT, SIGIO, SIGPROF, SIGQUIT, SIGTERM, SIGUSR1, SIGUSR2, SIGVTALRM, SIGXCPU,
 };
 
+use crate::outcome::LaunchError;
+
 /// In real time the launcher, and a process until it has a priority of its own, come before ordinary work, so that a death is mended at once. Children
 /// inherit the priority.
 ///
 /// Several launchers, their threads and the processes that they start may share one core; equals take turns on it. With `SCHED_FIFO` here three drills in
 /// real time pinned to one core stood still, no signal ended their processes, and a change of the policy released them. The supposed cause, not shown: one
 /// spins in the kernel for a lock, and keeps its equal that holds the lock from running.
-pub(crate) struct Urgency {
-    is_raised: bool,
-}
+pub(crate) struct Urgency(());
 
 impl Urgency {
     /// Below every process of the graph that has a priority.
     const PRIORITY: u8 = 5;
 
     /// For this thread, where the machine allows.
-    pub(crate) fn begin() -> Self {
-        let raised = runtime::realtime::set_round_robin_priority(Self::PRIORITY);
-        let is_raised = raised
+    pub(crate) fn begin() -> Option<Self> {
+        runtime::realtime::set_round_robin_priority(Self::PRIORITY)
             .inspect_err(|missing| tracing::info!("the launcher runs without {missing}"))
-            .is_ok();
-        Self { is_raised }
+            .map(Self)
+            .ok()
     }
 }
 
 impl Drop for Urgency {
     fn drop(&mut self) {
-        if self.is_raised {
-            runtime::realtime::set_ordinary_scheduling();
-        }
+        runtime::realtime::set_ordinary_scheduling();
     }
 }
 
@@ -69,7 +65,7 @@ impl Interrupts {
     ///
     /// # Errors
     /// When the kernel refuses.
-    pub fn catch() -> io::Result<Self> {
+    pub fn catch() -> Result<Self, LaunchError> {
         if REGISTERED.get().is_none() {
             let ignored = ignored_signals();
             for signal in CAUGHT
@@ -77,7 +73,8 @@ impl Interrupts {
                 .filter(|signal| ignored & 1 << (signal - 1) == 0)
             {
                 // SAFETY: the handler touches atomics only, and what it calls may be called in a handler.
-                unsafe { signal_hook::low_level::register(signal, move || count(signal)) }?;
+                unsafe { signal_hook::low_level::register(signal, move || count(signal)) }
+                    .map_err(LaunchError::Signals)?;
             }
             let _ = REGISTERED.set(());
         }

@@ -8,7 +8,7 @@ use runtime::{ControlPage, Exit, Hub, PROCESS_VARIABLE, RUN_VARIABLE, RunDir, St
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::time::Timespec;
 
-use crate::child;
+use crate::child::{Child, Ear};
 use crate::delay::Delay;
 use crate::launch::Fallen;
 use crate::outcome::{LaunchError, ProcessOutcome};
@@ -22,7 +22,7 @@ pub(crate) const BEAT: Duration = Duration::from_millis(40);
 #[derive(Debug)]
 pub(crate) struct Supervised {
     // Dropped in this order: no child may outlive the control page, no file may outlive the directory.
-    pub(crate) slots: Slots,
+    pub(crate) slots: Vec<Slot>,
     pub(crate) hub: Hub,
     /// Until the topics are gone: to remove what dead processes left may mean to wait for an unfinished segment.
     pub(crate) sweeper: Sweeper,
@@ -39,21 +39,10 @@ pub(crate) struct Supervised {
     pub(crate) last_lines: Vec<(usize, u64, String)>,
 }
 
-#[derive(Debug, Default)]
-pub(crate) struct Slots(pub(crate) Vec<Slot>);
-
-impl Drop for Slots {
-    fn drop(&mut self) {
-        for child in self.0.iter_mut().filter_map(|slot| slot.child.as_mut()) {
-            child.kill_and_wait();
-        }
-    }
-}
-
 /// One process over all its incarnations.
-#[derive(Default)]
+#[derive(Debug, Default)]
 pub(crate) struct Slot {
-    pub(crate) child: Option<child::Child>,
+    pub(crate) child: Option<Child>,
     pub(crate) pid: u32,
     pub(crate) restarts: u32,
     pub(crate) exit: Option<Exit>,
@@ -62,23 +51,13 @@ pub(crate) struct Slot {
     /// The end of its standard error.
     pub(crate) last_words: Vec<String>,
     /// Listeners of ended processes: their later output goes nowhere.
-    pub(crate) ears: Vec<Arc<child::Ear>>,
+    pub(crate) ears: Vec<Arc<Ear>>,
     /// When to start it again.
     pub(crate) due: Option<Instant>,
     /// The ticks it had done and how often it had looked for more, and when that was first seen: how long it has been silent.
     pub(crate) seen: Option<((u64, u32), Instant)>,
     /// For which reason the run waits for it, since when, and whether that has been reported.
     pub(crate) delay: Option<(Delay, Instant, bool)>,
-}
-
-impl std::fmt::Debug for Slot {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(
-            f,
-            "process {} ({} restarts, {:?})",
-            self.pid, self.restarts, self.exit
-        )
-    }
 }
 
 impl Slot {
@@ -97,34 +76,34 @@ impl Supervised {
         let name = self.name(index).to_owned();
         let line = self.control_page.process(index);
         line.begin_incarnation();
-        let command = commands(&name, self.run.path()).map(|mut command| {
-            command
-                .env(RUN_VARIABLE, self.run.path())
-                .env(PROCESS_VARIABLE, &name);
-            command
+        let (run, mut program) = (self.run.path(), PathBuf::new());
+        let child = commands(&name, run).and_then(|mut command| {
+            program = command.get_program().into();
+            command.env(RUN_VARIABLE, run).env(PROCESS_VARIABLE, &name);
+            Child::start(command)
         });
-        let program = command
-            .as_ref()
-            .map(|c| PathBuf::from(c.get_program()))
-            .unwrap_or_default();
-        let child = command.and_then(child::Child::start);
         let child = child.map_err(|source| LaunchError::Spawn {
             process: name,
             command: program,
             source,
         })?;
         line.set_pid(child.pid());
-        let slot = &mut self.slots.0[index];
+        let slot = &mut self.slots[index];
         (
             slot.pid, slot.exit, slot.due, slot.seen, slot.delay, slot.child,
         ) = (child.pid(), None, None, None, None, Some(child));
         Ok(())
     }
 
+    /// The children whose ends have not been taken in.
+    pub(crate) fn living(&self) -> impl Iterator<Item = &Child> {
+        self.slots.iter().filter_map(|slot| slot.child.as_ref())
+    }
+
     /// Sleeps until a child ends, a signal comes, or the time is over.
     pub(crate) fn rest(&self, limit: Duration) {
-        let living = self.slots.0.iter().filter_map(|slot| slot.child.as_ref());
-        let mut fds: Vec<PollFd<'_>> = living
+        let mut fds: Vec<PollFd<'_>> = self
+            .living()
             .map(|child| PollFd::new(&child.pidfd, PollFlags::IN))
             .collect();
         let limit = Timespec {
@@ -136,13 +115,8 @@ impl Supervised {
     }
 
     pub(crate) fn pass_lines_on(&mut self, report: Report<'_>) {
-        for (slot, plan) in self.slots.0.iter_mut().zip(&self.plan.children) {
-            for line in slot
-                .child
-                .as_ref()
-                .map(child::Child::new_lines)
-                .unwrap_or_default()
-            {
+        for (slot, plan) in self.slots.iter().zip(&self.plan.children) {
+            for line in slot.child.iter().flat_map(Child::new_lines) {
                 report(Event::Line {
                     process: &plan.process.name,
                     line: &line,
@@ -154,7 +128,7 @@ impl Supervised {
     /// Processes that have ended since the last check.
     pub(crate) fn take_in_exits(&mut self, report: Report<'_>) -> Vec<usize> {
         let (ticks, mut ended) = (self.ticks(), Vec::new());
-        for (index, slot) in self.slots.0.iter_mut().enumerate() {
+        for (index, slot) in self.slots.iter_mut().enumerate() {
             let Some(child) = slot.child.as_mut() else {
                 continue;
             };
@@ -170,8 +144,9 @@ impl Supervised {
                 });
             }
             (slot.exit, slot.last_words, slot.child) = (Some(exit), last_words, None);
-            slot.is_done = self.control_page.process(index).state() == State::Done;
-            self.control_page.process(index).end();
+            let entry = self.control_page.process(index);
+            slot.is_done = entry.state() == State::Done;
+            entry.end();
             if !exit.is_success() {
                 self.control_page
                     .fault_table()
@@ -189,7 +164,7 @@ impl Supervised {
             .filter(|&index| !self.plan.children[index].process.is_polled());
         let ahead = chain.clone().map(ticks).max()?;
         let behind = chain.clone().find(|&index| ticks(index) < ahead)?;
-        self.slots.0[behind].child.is_some().then_some(behind)
+        self.slots[behind].child.is_some().then_some(behind)
     }
 
     pub(crate) fn name(&self, index: usize) -> &str {
@@ -197,17 +172,9 @@ impl Supervised {
     }
 
     pub(crate) fn ticks(&self) -> u64 {
-        let source = self
-            .plan
-            .children
-            .iter()
-            .position(|child| child.ends_run)
-            .unwrap_or(0);
-        if self.plan.children.is_empty() {
-            0
-        } else {
-            self.control_page.process(source).ticks()
-        }
+        let mut children = self.plan.children.iter();
+        let source = children.position(|child| child.ends_run);
+        self.control_page.process(source.unwrap_or(0)).ticks()
     }
 
     pub(crate) fn process_outcomes(&self) -> Vec<ProcessOutcome> {
@@ -221,6 +188,6 @@ impl Supervised {
             lines_dropped: slot.unheard(),
             counts: self.control_page.process(index).counts(),
         };
-        self.slots.0.iter().enumerate().map(outcome).collect()
+        self.slots.iter().enumerate().map(outcome).collect()
     }
 }

@@ -10,7 +10,7 @@ use crate::child::Child;
 use crate::delay::Delay;
 use crate::launch::Halt;
 use crate::outcome::{End, Failure};
-use crate::plan::{Event, Limits, Report, Restart};
+use crate::plan::{Event, Report};
 use crate::signals::Interrupts;
 use crate::spawn::{BEAT, Slot, Supervised};
 
@@ -21,18 +21,6 @@ const TO_JOIN: Duration = Duration::from_secs(1);
 const KILLED: Exit = Exit::Signal(Signal::KILL.as_raw());
 const TERMINATED: Exit = Exit::Signal(Signal::TERM.as_raw());
 
-/// How some of the processes are stopped.
-struct Ending {
-    /// Those that are polled, or the others.
-    polled: bool,
-    /// From the request to stop until SIGTERM, and from SIGTERM until SIGKILL.
-    limit: Duration,
-    /// The run has all its ticks.
-    is_complete: bool,
-    /// A process that does not stop is waited for.
-    is_patient: bool,
-}
-
 impl Supervised {
     /// Stops all processes of a run that has ended so; in lockstep that may be the beginning of another start.
     pub(crate) fn stop_all(
@@ -41,7 +29,6 @@ impl Supervised {
         signals: &mut Interrupts,
         report: Report<'_>,
     ) -> Halt {
-        report(Event::Stopping);
         let late_failure = self.stop(end == End::Completed, signals, report);
         report(Event::Stopped);
         let is_polled = |index: usize| self.plan.children[index].process.is_polled();
@@ -64,29 +51,16 @@ impl Supervised {
         signals: &mut Interrupts,
         report: Report<'_>,
     ) -> Option<Failure> {
-        let Limits {
-            stop,
-            stop_polled,
-            kills_at_end,
-            ..
-        } = self.plan.limits;
-        let is_patient = is_complete && !kills_at_end;
-        let ending = |polled, limit| Ending {
-            polled,
-            limit,
-            is_complete,
-            is_patient,
-        };
         self.control_page.request_stop(Stop::Chain);
-        let chain = self.stop_those(&ending(false, stop), signals, report);
+        let chain = self.stop_those(false, is_complete, signals, report);
         // No process is replaced any more.
-        self.slots.0.iter_mut().for_each(|slot| slot.due = None);
+        self.slots.iter_mut().for_each(|slot| slot.due = None);
         self.control_page.request_stop(if is_complete {
             Stop::Everything
         } else {
             Stop::Early
         });
-        let polled = self.stop_those(&ending(true, stop_polled), signals, report);
+        let polled = self.stop_those(true, is_complete, signals, report);
         chain.or(polled)
     }
 
@@ -94,7 +68,7 @@ impl Supervised {
     /// complete and it had nothing more to do, or it is a polled process, killed by a signal that the
     /// launcher did not send; `insists`: the launcher sent one, by which a process of the chain that was slow to end may do so.
     fn is_excused(&mut self, index: usize, is_complete: bool, insists: bool) -> bool {
-        let (exit, child) = (self.slots.0[index].exit, &self.plan.children[index]);
+        let (exit, child) = (self.slots[index].exit, &self.plan.children[index]);
         let (is_polled, is_killed) = (
             child.process.is_polled(),
             matches!(exit, Some(Exit::Signal(_))),
@@ -112,7 +86,7 @@ impl Supervised {
         }
         match is_polled {
             true => is_killed && (is_complete || !insists),
-            false => is_complete && exit == Some(KILLED) && child.restart != Restart::Never,
+            false => is_complete && exit == Some(KILLED) && child.most_restarts > 0,
         }
     }
 
@@ -120,27 +94,31 @@ impl Supervised {
     fn judge_end(
         &mut self,
         index: usize,
-        (is_complete, insists): (bool, bool),
+        is_complete: bool,
+        insists: bool,
         failure: &mut Option<Failure>,
     ) {
-        let is_success = self.slots.0[index].exit.is_some_and(Exit::is_success);
+        let is_success = self.slots[index].exit.is_some_and(Exit::is_success);
         if !is_success && !self.is_excused(index, is_complete, insists) && failure.is_none() {
             *failure = Some(self.died(index, 0));
         }
     }
 
+    /// Stops the processes that are polled, or the others; the first thing that went wrong meanwhile. `is_complete`: the run has all its ticks.
     fn stop_those(
         &mut self,
-        ending: &Ending,
+        polled: bool,
+        is_complete: bool,
         signals: &mut Interrupts,
         report: Report<'_>,
     ) -> Option<Failure> {
-        let Ending {
-            polled,
-            limit,
-            is_complete,
-            is_patient,
-        } = *ending;
+        let limits = self.plan.limits;
+        let limit = if polled {
+            limits.stop_polled
+        } else {
+            limits.stop
+        };
+        let is_patient = is_complete && !limits.kills_at_end;
         let mut failure = None;
         let concerned: Vec<usize> = (0..self.plan.children.len())
             .filter(|&index| self.plan.children[index].process.is_polled() == polled)
@@ -148,27 +126,28 @@ impl Supervised {
         // Ends that came with the one which ended the run, or between two of these stops.
         let ended = |slot: &Slot| slot.child.is_none() && slot.due.is_none() && slot.exit.is_some();
         for &index in &concerned {
-            if ended(&self.slots.0[index]) {
-                self.judge_end(index, (is_complete, false), &mut failure);
+            if ended(&self.slots[index]) {
+                self.judge_end(index, is_complete, false, &mut failure);
             }
         }
         // A stopped process cannot end: first it goes on.
         for signal in [Signal::CONT, Signal::TERM] {
-            self.signal(&concerned, signal);
+            self.living_of(&concerned)
+                .for_each(|(_, child)| child.signal(signal));
             let (begun, is_last) = (Instant::now(), signal == Signal::TERM);
-            while self.any_lives(&concerned)
+            while self.living_of(&concerned).next().is_some()
                 && (begun.elapsed() < limit || is_patient && is_last)
                 && !(begun.elapsed() > TO_JOIN && self.only_strangers_live(&concerned))
             {
                 for &index in concerned.iter().filter(|_| is_last) {
-                    let child = self.slots.0[index].child.as_ref();
+                    let child = self.slots[index].child.as_ref();
                     let halted = child.map(|child| child.halted().unwrap_or(Delay::NotStopped));
                     self.note_delay(index, halted, report);
                 }
                 self.rest(BEAT);
                 self.pass_lines_on(report);
                 for index in self.take_in_exits(report) {
-                    self.judge_end(index, (is_complete, is_last), &mut failure);
+                    self.judge_end(index, is_complete, is_last, &mut failure);
                 }
                 // A second Ctrl-C: no more patience.
                 if signals.pending().is_some() {
@@ -190,17 +169,13 @@ impl Supervised {
     pub(crate) fn end_by_force_all(&mut self, report: Report<'_>) {
         loop {
             self.note_ends(report, |_| true);
-            let mut living = self.slots.0.iter().filter_map(|slot| slot.child.as_ref());
-            if !living.any(Child::is_dying) {
+            if !self.living().any(Child::is_dying) {
                 break;
             }
             self.rest(BEAT);
         }
-        let children = self.slots.0.iter_mut();
-        for child in children.filter_map(|slot| slot.child.as_mut()) {
-            child.signal(Signal::KILL);
-        }
-        while self.slots.0.iter().any(|slot| slot.child.is_some()) {
+        self.living().for_each(|child| child.signal(Signal::KILL));
+        while self.living().next().is_some() {
             self.rest(BEAT);
             self.note_ends(report, |exit| exit != KILLED);
         }
@@ -209,7 +184,7 @@ impl Supervised {
     /// Takes in the ends since the last look, and notes those that were deaths: not that of a plant after its last tick.
     fn note_ends(&mut self, report: Report<'_>, is_noted: impl Fn(Exit) -> bool) {
         for index in self.take_in_exits(report) {
-            let slot = &self.slots.0[index];
+            let slot = &self.slots[index];
             let is_over = |exit: Exit| slot.is_done && exit.is_success();
             if slot
                 .exit
@@ -222,7 +197,7 @@ impl Supervised {
 
     /// Kills a process that has not stopped within `limit`.
     fn end_by_force(&mut self, index: usize, limit: Duration, failure: &mut Option<Failure>) {
-        let slot = &mut self.slots.0[index];
+        let slot = &mut self.slots[index];
         let pid = slot.pid;
         if let Some(child) = slot.child.as_mut() {
             child.kill_and_wait();
@@ -235,29 +210,18 @@ impl Supervised {
         }
     }
 
-    fn signal(&self, concerned: &[usize], signal: Signal) {
+    /// Those of these processes whose ends have not been taken in.
+    fn living_of(&self, concerned: &[usize]) -> impl Iterator<Item = (usize, &Child)> {
         concerned
             .iter()
-            .filter_map(|&index| self.slots.0[index].child.as_ref())
-            .for_each(|child| child.signal(signal));
+            .filter_map(move |&index| Some((index, self.slots[index].child.as_ref()?)))
     }
 
     /// Whether those that live have not joined the run, and so do not see the request. The replacement of a process that had joined will join, too.
     fn only_strangers_live(&self, concerned: &[usize]) -> bool {
-        let mut living = concerned
-            .iter()
-            .filter(|&&index| self.slots.0[index].child.is_some())
-            .peekable();
-        living.peek().is_some()
-            && living.all(|&index| {
-                self.slots.0[index].restarts == 0
-                    && self.control_page.process(index).state() == State::Starting
-            })
-    }
-
-    fn any_lives(&self, concerned: &[usize]) -> bool {
-        concerned
-            .iter()
-            .any(|&index| self.slots.0[index].child.is_some())
+        self.living_of(concerned).all(|(index, _)| {
+            self.slots[index].restarts == 0
+                && self.control_page.process(index).state() == State::Starting
+        })
     }
 }

@@ -1,8 +1,7 @@
 //! Checks from time to time for segments whose makers were killed before they finished, so that
 //! processes waiting for them continue.
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -17,19 +16,17 @@ const LOOK: Duration = Duration::from_millis(100);
 /// launcher itself may be waiting.
 #[derive(Debug)]
 pub(crate) struct Sweeper {
-    is_over: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
+    /// The thread, and the sender whose end tells it to end.
+    work: Option<(Sender<()>, JoinHandle<()>)>,
 }
 
 impl Sweeper {
     /// Begins with a run.
     pub(crate) fn start(run: &RunDir) -> Result<Self, LaunchError> {
         let run = RunDir::open(run.path())?;
-        let is_over = Arc::new(AtomicBool::new(false));
-        let over = Arc::clone(&is_over);
+        let (over, is_over) = channel();
         let work = move || {
-            while !over.load(Ordering::Relaxed) {
-                std::thread::park_timeout(LOOK);
+            while is_over.recv_timeout(LOOK) == Err(RecvTimeoutError::Timeout) {
                 let removed = run.remove_unfinished();
                 if removed > 0 {
                     tracing::debug!(
@@ -44,17 +41,15 @@ impl Sweeper {
             .spawn(work)
             .map_err(LaunchError::Sweeper)?;
         Ok(Self {
-            is_over,
-            thread: Some(thread),
+            work: Some((over, thread)),
         })
     }
 }
 
 impl Drop for Sweeper {
     fn drop(&mut self) {
-        self.is_over.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            thread.thread().unpark();
+        if let Some((over, thread)) = self.work.take() {
+            drop(over);
             let _ = thread.join();
         }
     }

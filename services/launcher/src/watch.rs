@@ -9,7 +9,7 @@ use shared_types::fault::{Kind, Way};
 use crate::delay::Delay;
 use crate::launch::Halt;
 use crate::outcome::{End, Failure};
-use crate::plan::{Commands, Event, Report, Restart};
+use crate::plan::{Commands, Event, Report};
 use crate::signals::Interrupts;
 use crate::spawn::{BEAT, Supervised};
 
@@ -22,19 +22,12 @@ const NOTICED_SLOW: Duration = Duration::from_secs(5);
 /// The longest real pause of a process that a fault pauses in lockstep.
 const PAUSE_NS: u64 = 100_000_000;
 
-/// Whether a fault has paused its process, and the process has not continued yet. The kind is
+/// Whether a fault has stopped its process in this way, and the process has not continued yet. The kind is
 /// looked at too: a way is a number, 0 if a kind has none.
-fn is_paused(account: &FaultRecord) -> bool {
-    let FaultRecord {
-        scheduled,
-        injected_ns,
-        recovered_ns,
-        ..
-    } = account;
-    scheduled.kind() == Some(Kind::Hang)
-        && scheduled.way() == Some(Way::Paused)
-        && *injected_ns != 0
-        && *recovered_ns == 0
+fn hangs(account: &FaultRecord, way: Way) -> bool {
+    let fault = &account.scheduled;
+    let is_in_force = account.injected_ns != 0 && account.recovered_ns == 0;
+    fault.kind() == Some(Kind::Hang) && fault.way() == Some(way) && is_in_force
 }
 
 impl Supervised {
@@ -95,7 +88,7 @@ impl Supervised {
     fn halt_of_ends(&mut self, report: Report<'_>) -> Option<Halt> {
         let ended = self.take_in_exits(report);
         let is_end = |index: &usize| {
-            let slot = &self.slots.0[*index];
+            let slot = &self.slots[*index];
             let is_well = slot.is_done && slot.exit.is_some_and(Exit::is_success);
             self.plan.children[*index].ends_run && is_well
         };
@@ -126,7 +119,7 @@ impl Supervised {
                 injected_ns,
                 ..
             } = account;
-            if !is_paused(&account) {
+            if !hangs(&account, Way::Paused) {
                 continue;
             }
             let passed_ns = self.duration_ns(scheduled.until.saturating_sub(scheduled.at));
@@ -139,7 +132,6 @@ impl Supervised {
             if (self.ticks() >= scheduled.until || since_ns >= passed_ns.min(most_ns))
                 && let Some(child) = self
                     .slots
-                    .0
                     .get(scheduled.process as usize)
                     .and_then(|slot| slot.child.as_ref())
             {
@@ -148,22 +140,10 @@ impl Supervised {
         }
     }
 
-    /// Whether a fault of the run has stopped a process for ever: it is to be replaced.
-    fn is_hung_by_fault(&self, index: usize) -> bool {
-        let hangs = |record: &FaultRecord| {
-            let fault = &record.scheduled;
-            fault.process as usize == index
-                && fault.kind() == Some(Kind::Hang)
-                && fault.way() == Some(Way::ForEver)
-        };
-        let is_in_force =
-            |record: &FaultRecord| record.injected_ns != 0 && record.recovered_ns == 0;
-        self.control_page.process(index).state() == State::Stopped
-            && self
-                .control_page
-                .fault_table()
-                .records()
-                .any(|(_, record)| hangs(&record) && is_in_force(&record))
+    /// Whether a fault of the run has stopped a process in this way: for a time, or for ever, so that it is to be replaced.
+    fn is_hung(&self, index: usize, way: Way) -> bool {
+        let mut records = self.control_page.fault_table().records();
+        records.any(|(_, record)| record.scheduled.process as usize == index && hangs(&record, way))
     }
 
     /// Kills processes that a fault has stopped for ever. If there is a time limit, also kills
@@ -174,7 +154,7 @@ impl Supervised {
         let behind = self.stood_still();
         for index in 0..self.plan.children.len() {
             let (line, plan) = (self.control_page.process(index), &self.plan.children[index]);
-            let slot = &mut self.slots.0[index];
+            let slot = &mut self.slots[index];
             let Some(child) = slot.child.as_ref() else {
                 continue;
             };
@@ -194,14 +174,12 @@ impl Supervised {
             if is_stopped {
                 faults.mark_detected(index, source, now_ns());
             }
-            let is_paused = faults.records().any(|(_, account)| {
-                account.scheduled.process as usize == index && is_paused(&account)
-            });
+            let is_paused = self.is_hung(index, Way::Paused);
             let is_late = is_stopped
                 || (ticks < source && !plan.process.is_polled() && line.state() == State::Running);
             let is_replaced = self.plan.mode == Mode::Lockstep
                 || plan.process.makes_ticks
-                || plan.restart != Restart::Never;
+                || plan.most_restarts > 0;
             let limit = if is_stopped {
                 self.plan.limits.stopped
             } else {
@@ -209,8 +187,9 @@ impl Supervised {
             };
             let is_over =
                 limit.is_some_and(|limit| silent > limit) && is_late && is_replaced && !is_paused;
-            if is_over || is_stopped && self.is_hung_by_fault(index) {
-                let slot = &mut self.slots.0[index];
+            let is_lost = line.state() == State::Stopped && self.is_hung(index, Way::ForEver);
+            if is_over || is_stopped && is_lost {
+                let slot = &mut self.slots[index];
                 slot.child
                     .iter()
                     .for_each(|child| child.signal(Signal::KILL));
@@ -232,7 +211,7 @@ impl Supervised {
 
     /// Reports once that the run waits for a process, when that has lasted.
     pub(crate) fn note_delay(&mut self, index: usize, delay: Option<Delay>, report: Report<'_>) {
-        let slot = &mut self.slots.0[index];
+        let slot = &mut self.slots[index];
         let since = |delay| {
             slot.delay
                 .filter(|(seen, ..)| *seen == delay)

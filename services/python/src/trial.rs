@@ -1,5 +1,7 @@
 //! Runs on this thread, without processes: the module `armplane.trials` in Python names the arguments and the results.
 
+use std::path::PathBuf;
+
 use lab::studies::compare::Lines;
 use lab::studies::steered::twists;
 use lab::trial::Trial;
@@ -19,7 +21,7 @@ fn source(scenario: &str) -> Result<Source, Failure> {
         true => Ok(Source {
             file: "scenario.toml".to_owned(),
             text: scenario.to_owned(),
-            folder: None,
+            folder: PathBuf::new(),
         }),
         false => Source::read(scenario),
     }

@@ -13,7 +13,7 @@ use viz::{Happened, RECORDING, RecordError, Source, Tick};
 
 use crate::failure::Failure;
 use crate::launch::interrupts;
-use crate::progress::{Observer, Progress};
+use crate::progress::{Observer, Progress, say};
 use crate::results::Results;
 use crate::runs::Run;
 
@@ -42,11 +42,9 @@ impl Record {
                 run.folder.display()
             )));
         }
-        let (summary, defect) = match run.summary_if_any() {
-            Ok(summary) => (summary, None),
-            Err(defect) => (None, Some(defect)),
-        };
-        let record = Self::of(job, &run.folder, summary)?;
+        let summary = run.summary_if_any();
+        let defect = summary.as_ref().err().cloned();
+        let record = Self::of(job, &run.folder, summary.ok().flatten())?;
         Ok(Self { defect, ..record })
     }
 
@@ -71,25 +69,14 @@ impl Record {
         })
     }
 
-    /// Makes something from it, with progress; returns that, and the clauses about what the record lacks.
+    /// Makes something from it, with progress, until a signal comes; returns that, and the clauses about what the record lacks.
     pub(crate) fn make<T>(
-        self,
-        title: &str,
-        observer: Observer<'_>,
-        make: impl FnOnce(Source<'_>) -> T,
-    ) -> Result<(T, Read), Failure> {
-        let mut signals = interrupts()?;
-        self.make_until(title, observer, &mut signals, make)
-    }
-
-    /// The same where somebody has an ear for signals already.
-    pub(crate) fn make_until<T>(
         mut self,
         title: &str,
-        observer: Observer<'_>,
         signals: &mut Interrupts,
+        observer: Observer<'_>,
         make: impl FnOnce(Source<'_>) -> T,
-    ) -> Result<(T, Read), Failure> {
+    ) -> (T, Read) {
         let (begun, is_shown, last) = (Instant::now(), Cell::new(false), Cell::new(None));
         let length = self.summary.as_ref().map_or(0, |summary| summary.ticks);
         // The messages of a run whose launcher was killed end at different ticks: behind the last whole one nothing was judged.
@@ -128,7 +115,7 @@ impl Record {
         let error = self.summary.map(|summary| summary.recorder.error);
         lacks.extend(error.filter(|error| !error.is_empty() && !lacks.contains(error)));
         let last = last.get();
-        Ok((made, Read { last, lacks }))
+        (made, Read { last, lacks })
     }
 }
 
@@ -142,7 +129,7 @@ pub(crate) fn draw(
     observer: Observer<'_>,
 ) -> Result<(), RecordError> {
     if let Some(sentence) = viz::write_rrd(path, source)? {
-        observer(Progress::Line(&format!("armplane: {sentence}")));
+        say(observer, sentence);
     }
     Ok(())
 }
@@ -191,14 +178,17 @@ pub(crate) fn draw_results(
     let record = Record::of(job.clone(), folder, Some(summary.clone()))?;
     let remedy = || format!("`armplane view {}` makes it", folder.display());
     let file = folder.join(RECORDING);
-    let (drawn, _) = record.make_until(RECORDING, observer, signals, |source| {
+    let (drawn, _) = record.make(RECORDING, signals, observer, |source| {
         draw(source, &file, observer)
-    })?;
+    });
     match drawn {
         Ok(()) => Ok(()),
         Err(RecordError::Stopped) => {
-            let sentence = format!("armplane: {RECORDING} was not finished: {}", remedy());
-            observer(Progress::Line(&sentence));
+            let remedy = remedy();
+            say(
+                observer,
+                format_args!("{RECORDING} was not finished: {remedy}"),
+            );
             Ok(())
         }
         Err(error) => Err(Failure::Work(format!("{error}; then {}", remedy()))),
@@ -242,8 +232,10 @@ pub fn shown(run: &Run, observer: Observer<'_>) -> Result<Shown, Failure> {
     let file = passing
         .as_ref()
         .map_or(file, |folder| folder.path().join(RECORDING));
-    let (drawn, Read { last, lacks }) =
-        record.make(RECORDING, observer, |source| draw(source, &file, observer))?;
+    let mut signals = interrupts()?;
+    let (drawn, Read { last, lacks }) = record.make(RECORDING, &mut signals, observer, |source| {
+        draw(source, &file, observer)
+    });
     drawn.map_err(Failure::work)?;
     let Some(last) = last else {
         let lack = lacks
@@ -254,8 +246,8 @@ pub fn shown(run: &Run, observer: Observer<'_>) -> Result<Shown, Failure> {
     };
     let lack = if is_alive {
         let folder = run.folder.display();
-        let sentence = format!("armplane: {folder} still runs: the recording ends at tick {last}");
-        observer(Progress::Line(&sentence));
+        let sentence = format!("{folder} still runs: the recording ends at tick {last}");
+        say(observer, sentence);
         None
     } else {
         (!lacks.is_empty()).then(|| run.with_remedy(&lacks.join("; ")))

@@ -7,6 +7,7 @@ use viz::RECORDING;
 
 use crate::drawing::{Read, Record, draw};
 use crate::failure::Failure;
+use crate::launch::interrupts;
 use crate::layout::save_blueprint;
 use crate::progress::Observer;
 use crate::runs::Run;
@@ -59,14 +60,15 @@ pub fn export(
     let record = Record::open(run)?;
     run.check_readable(&record.job)?;
     make_folder()?;
-    let (files, Read { lacks, .. }) = record.make("export", observer, |source| {
-        let ExportFormat::Numbers(format) = format else {
-            let path = out.join(RECORDING);
-            draw(source, &path, observer).map_err(Failure::work)?;
-            return Ok(vec![path]);
-        };
-        viz::export(format, out, source).map_err(Failure::work)
-    })?;
+    let (files, Read { lacks, .. }) =
+        record.make("export", &mut interrupts()?, observer, |source| {
+            let ExportFormat::Numbers(format) = format else {
+                let path = out.join(RECORDING);
+                draw(source, &path, observer).map_err(Failure::work)?;
+                return Ok(vec![path]);
+            };
+            viz::export(format, out, source).map_err(Failure::work)
+        });
     Ok(Export {
         files: files?,
         shortfall: (!lacks.is_empty()).then(|| run.with_remedy(&lacks.join("; "))),
@@ -75,9 +77,7 @@ pub fn export(
 
 /// Clauses in one sentence, but for those that are empty.
 pub(crate) fn joined(clauses: [&str; 2]) -> String {
-    clauses
-        .into_iter()
-        .filter(|clause| !clause.is_empty())
-        .collect::<Vec<_>>()
-        .join("; ")
+    let mut clauses = clauses.to_vec();
+    clauses.retain(|clause| !clause.is_empty());
+    clauses.join("; ")
 }

@@ -24,7 +24,7 @@ impl Failure {
         Self::Input(error.to_string())
     }
 
-    /// A file or folder that the system keeps this program from writing, making or removing.
+    /// A file, folder or program that the system keeps this program from writing, making, removing or starting.
     pub fn cannot<E: std::fmt::Display>(verb: &str, path: &Path) -> impl FnOnce(E) -> Self {
         move |error| Self::Work(format!("cannot {verb} {}: {error}", path.display()))
     }

@@ -1,7 +1,5 @@
 //! A process graph as text: a table, a drawing for Graphviz or Mermaid, or its topics.
 
-use std::fmt;
-
 use serde::Serialize;
 use serde_json::{Value, json};
 use shared_types::graph::Graph;
@@ -9,27 +7,8 @@ use shared_types::topics::TOPICS;
 
 use crate::table::{number, table};
 
-/// A graph in one of its forms.
-pub enum GraphText<'a> {
-    /// A row a process.
-    Table(&'a Graph),
-    /// Graphviz.
-    Dot(&'a Graph),
-    /// Mermaid, as Markdown pages show it.
-    Mermaid(&'a Graph),
-}
-
-impl fmt::Display for GraphText<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Table(graph) => rows(f, graph),
-            Self::Dot(graph) => dot(f, graph),
-            Self::Mermaid(graph) => mermaid(f, graph),
-        }
-    }
-}
-
-fn rows(f: &mut fmt::Formatter<'_>, graph: &Graph) -> fmt::Result {
+/// A row a process.
+pub fn processes(graph: &Graph) -> String {
     let mut rows = table(&["process", "reads", "writes", "core", "priority"]);
     for process in &graph.process {
         let feedback = process
@@ -50,7 +29,7 @@ fn rows(f: &mut fmt::Formatter<'_>, graph: &Graph) -> fmt::Result {
             number(priority),
         ]);
     }
-    writeln!(f, "{rows}")
+    format!("{rows}\n")
 }
 
 /// Writer, reader, topic and whether it closes the loop.
@@ -69,64 +48,48 @@ fn edges(graph: &Graph) -> impl Iterator<Item = (&str, &str, &str, bool)> {
     })
 }
 
-fn dot(f: &mut fmt::Formatter<'_>, graph: &Graph) -> fmt::Result {
-    writeln!(
-        f,
-        "digraph armplane {{\n  rankdir=LR;\n  node [shape=box, style=rounded];"
-    )?;
-    for (writer, reader, topic, feedback) in edges(graph) {
-        writeln!(
-            f,
-            "  {writer} -> {reader} [label=\"{topic}\"{}];",
-            if feedback { ", style=dashed" } else { "" }
-        )?;
-    }
-    writeln!(f, "}}")
+/// A drawing for Graphviz.
+pub fn dot(graph: &Graph) -> String {
+    let edges = edges(graph).map(|(writer, reader, topic, feedback)| {
+        let style = if feedback { ", style=dashed" } else { "" };
+        format!("  {writer} -> {reader} [label=\"{topic}\"{style}];\n")
+    });
+    let edges: String = edges.collect();
+    format!("digraph armplane {{\n  rankdir=LR;\n  node [shape=box, style=rounded];\n{edges}}}\n")
 }
 
-fn mermaid(f: &mut fmt::Formatter<'_>, graph: &Graph) -> fmt::Result {
-    writeln!(f, "flowchart LR")?;
-    for (writer, reader, topic, feedback) in edges(graph) {
-        writeln!(
-            f,
-            "  {writer} {}|{topic}| {reader}",
-            if feedback { "-.->" } else { "-->" }
-        )?;
-    }
-    Ok(())
+/// A drawing for Mermaid, as Markdown pages show it.
+pub fn mermaid(graph: &Graph) -> String {
+    let edges = edges(graph).map(|(writer, reader, topic, feedback)| {
+        let arrow = if feedback { "-.->" } else { "-->" };
+        format!("  {writer} {arrow}|{topic}| {reader}\n")
+    });
+    "flowchart LR\n".to_owned() + &edges.collect::<String>()
 }
 
-/// The topics of a graph: types, sizes, writers and readers.
-pub struct Topics<'a>(pub &'a Graph);
+/// The topics of a graph, as an array of one object a topic.
+pub fn topics_json(graph: &Graph) -> Value {
+    rows(graph).map(|row| json!(row)).collect()
+}
 
-impl Topics<'_> {
-    /// An array of one object a topic.
-    pub fn json(&self) -> Value {
-        self.rows().map(|row| json!(row)).collect()
-    }
-
-    fn rows(&self) -> impl Iterator<Item = Topic<'_>> {
-        let Self(graph) = self;
-        let names = TOPICS
-            .into_iter()
-            .chain(graph.topic.iter().map(|declared| declared.name.as_str()));
-        names.filter_map(|name| {
-            let (layout, writer) = (graph.layout(name)?, graph.writer(name)?);
-            let readers = graph
-                .readers(name)
-                .map(|process| process.name.as_str())
-                .collect();
-            Some(Topic {
-                topic: name,
-                type_name: layout.type_name,
-                layout: format!("{:016x}", layout.hash),
-                bytes: layout.bytes,
-                writer: &writer.name,
-                readers,
-                messages_per_tick: 1,
-            })
+fn rows(graph: &Graph) -> impl Iterator<Item = Topic<'_>> {
+    let declared = graph.topic.iter().map(|declared| declared.name.as_str());
+    TOPICS.into_iter().chain(declared).filter_map(|name| {
+        let (layout, writer) = (graph.layout(name)?, graph.writer(name)?);
+        let readers = graph
+            .readers(name)
+            .map(|process| process.name.as_str())
+            .collect();
+        Some(Topic {
+            topic: name,
+            type_name: layout.type_name,
+            layout: format!("{:016x}", layout.hash),
+            bytes: layout.bytes,
+            writer: &writer.name,
+            readers,
+            messages_per_tick: 1,
         })
-    }
+    })
 }
 
 #[derive(Serialize)]
@@ -141,25 +104,23 @@ struct Topic<'a> {
     messages_per_tick: u32,
 }
 
-impl fmt::Display for Topics<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut rows = table(&["topic", "type", "layout", "bytes", "writer", "readers"]);
-        for row in self.rows() {
-            rows.add_row([
-                row.topic.into(),
-                row.type_name.into(),
-                row.layout.into(),
-                number(row.bytes),
-                row.writer.into(),
-                row.readers.join("\n").into(),
-            ]);
-        }
-        writeln!(f, "{rows}")?;
-        writeln!(
-            f,
-            "Each topic has one message per tick, and is an iceoryx2 publish-subscribe service with that name and type; \
-             a run's services live under its own directory and prefix, /dev/shm/armplane-… (docs/wire.md).\n\
-             Fields: `armplane generate wire`"
-        )
+/// The topics of a graph: types, sizes, writers and readers.
+pub fn topics(graph: &Graph) -> String {
+    let mut topics = table(&["topic", "type", "layout", "bytes", "writer", "readers"]);
+    for row in rows(graph) {
+        topics.add_row([
+            row.topic.into(),
+            row.type_name.into(),
+            row.layout.into(),
+            number(row.bytes),
+            row.writer.into(),
+            row.readers.join("\n").into(),
+        ]);
     }
+    format!(
+        "{topics}\n\
+         Each topic has one message per tick, and is an iceoryx2 publish-subscribe service with that name and type; \
+             a run's services live under its own directory and prefix, /dev/shm/armplane-… (docs/wire.md).\n\
+             Fields: `armplane generate wire`\n"
+    )
 }

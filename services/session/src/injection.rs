@@ -3,9 +3,8 @@
 use std::time::{Duration, Instant};
 
 use model::Robot;
-use runtime::random;
-use shared_types::fault::{Fault, Target};
-use shared_types::graph::Role;
+use runtime::{FaultRecord, random};
+use shared_types::fault::Fault;
 
 use crate::observation::{Living, job};
 use crate::{Failure, arm_faults};
@@ -21,58 +20,43 @@ const PATIENCE: Duration = Duration::from_secs(2);
 pub fn inject(wanted: Option<&str>, fault: &Fault) -> Result<(Living, Fault), Failure> {
     let mut living = Living::find_to_change(wanted)?;
     let (run, manifest, control_page) = living.open()?;
-    let job = job(&run);
-    let Some(index) = manifest.index_of(&fault.process) else {
+    // A bench has processes and no graph: it takes no fault.
+    let job = job(run.path()).ok();
+    let found = job.and_then(|job| Some((job.graph.target(&fault.process)?, job)));
+    let Some((target, job)) = found else {
         return Err(Failure::Input(format!(
             "the run has no process `{}`; it has {}",
             fault.process,
             manifest.names()
         )));
     };
-    if let Some(robot) = job
-        .as_ref()
-        .and_then(|job| Robot::from_source(&job.robot).ok())
-    {
-        arm_faults::check(fault, &robot)
-            .map_err(|complaint| Failure::Input(complaint.to_string()))?;
-    }
+    let robot = Robot::from_source(&job.robot).map_err(Failure::work)?;
+    arm_faults::check(fault, &robot).map_err(Failure::input)?;
     // Any seed will do: the run records it with the fault.
     let seed = random(runtime::now_ns(), u64::from(std::process::id()));
-    let target = job
-        .and_then(|job| job.graph.target(&fault.process))
-        .unwrap_or(Target {
-            index: index as u32,
-            role: Role::Stage,
-            is_foreign: false,
-            fields: Vec::new(),
-            reads: Vec::new(),
-        });
-    let scheduled = fault
-        .schedule(&target, manifest.rate_hz, seed)
-        .map_err(|complaint| Failure::Input(complaint.to_string()))?;
+    let scheduled = fault.schedule(&target, manifest.rate_hz, seed);
+    let scheduled = scheduled.map_err(Failure::input)?;
     let Some(place) = control_page.fault_table().request(&scheduled) else {
         return Err(Failure::Work(format!(
             "{living} has had {} faults, the most that fit into a run",
             runtime::MOST_WHEN_REQUESTED
         )));
     };
-    await_force(&mut living, place)?;
-    let (_, _, control_page) = living.open()?;
-    let in_force = control_page
-        .fault_table()
-        .record(place)
-        .and_then(|account| account.scheduled.fault(&fault.process, &target));
-    let Some(in_force) = in_force else {
+    let account = await_force(&mut living, place)?;
+    let Some(in_force) = account.scheduled.fault(&fault.process, &target) else {
         return Err(Failure::Work(format!("{living} does not know this fault")));
     };
     Ok((living, in_force))
 }
 
 /// Waits until a fault is in force; after a roll-back the run has it at the same place of another table.
-fn await_force(living: &mut Living, place: usize) -> Result<(), Failure> {
+fn await_force(living: &mut Living, place: usize) -> Result<FaultRecord, Failure> {
     let asked = Instant::now();
     let (mut run, _, mut control_page) = living.open()?;
-    while !control_page.fault_table().is_in_force(place) {
+    loop {
+        if let Some(account) = control_page.fault_table().record(place) {
+            return Ok(account);
+        }
         if asked.elapsed() > PATIENCE {
             return Err(Failure::Work(format!(
                 "{living} has not begun a tick since: the fault takes effect at its next tick"
@@ -86,5 +70,4 @@ fn await_force(living: &mut Living, place: usize) -> Result<(), Failure> {
         }
         std::thread::sleep(Duration::from_micros(200));
     }
-    Ok(())
 }

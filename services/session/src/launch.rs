@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use files::Draft;
 use launcher::{Death, Delay, Event, Interrupts, Launcher, Outcome, Plan, Ran};
 use model::Robot;
 use runtime::{FaultTable, RunDir};
@@ -82,7 +83,7 @@ pub fn launch(
         Event::Waiting {
             process, reason, ..
         } => observer(Progress::Line(&format!("{process} {reason}"))),
-        Event::Go | Event::Stopping | Event::Stopped => {}
+        Event::Stopped => {}
     });
     observer(Progress::End);
     launched
@@ -116,11 +117,7 @@ fn due(tick: u64, writes: &[String]) -> Option<String> {
 /// # Errors
 /// [`Failure::Work`] if the kernel refuses.
 pub fn interrupts() -> Result<Interrupts, Failure> {
-    Interrupts::catch().map_err(|error| {
-        Failure::Work(format!(
-            "cannot catch SIGINT, SIGTERM and the like: {error}"
-        ))
-    })
+    Interrupts::catch().map_err(Failure::work)
 }
 
 /// Called with a run before its first process starts: in lockstep after each roll-back, too, with another directory.
@@ -141,21 +138,21 @@ pub fn launch_watched(
     let _signals = interrupts()?;
     let mut launcher = Launcher::prepare(plan).map_err(Failure::work)?;
     loop {
-        let mut start = Start::set_up(job, &launcher, begin)?;
-        let job = start.job.clone();
-        let commands = |name: &str, run: &Path| command(&job, name, run);
-        let newest = |faults: &FaultTable| newest_cut(&job, faults);
+        let Start {
+            job, account_path, ..
+        } = &Start::set_up(job, &launcher, begin)?;
+        let commands = |name: &str, run: &Path| command(job, name, run);
+        let newest = |faults: &FaultTable| newest_cut(job, faults);
+        let mut account = None;
         let ran = launcher.run(&commands, &newest, &mut |event| {
             if event == Event::Stopped {
-                start.take_account();
+                let text = std::fs::read(account_path).ok();
+                account = text.and_then(|text| serde_json::from_slice(&text).ok());
             }
             report(&event);
         });
         match ran.map_err(Failure::work)? {
-            Ran::Ended(outcome) => {
-                let account = whole_account(&start.job, start.account)?;
-                return Ok((*outcome, account));
-            }
+            Ran::Ended(outcome) => return Ok((*outcome, whole_account(job, account)?)),
             Ran::RolledBack(again) => launcher = *again,
         }
     }
@@ -189,9 +186,8 @@ fn whole_account(job: &Job, account: Option<Summary>) -> Result<Option<Summary>,
 /// One start of all processes of a run, which has a directory of its own.
 struct Start {
     job: Job,
-    account_path: PathBuf,
     /// The recorder's part of the summary.
-    account: Option<Summary>,
+    account_path: PathBuf,
     _guard: Option<launcher::Guard>,
     /// The messages of programs without a state before the cut.
     _past: Option<Past>,
@@ -220,22 +216,15 @@ impl Start {
         begin(&RunDir::open(run_dir).map_err(Failure::work)?)?;
         let mut programs = job.graph.process.iter().map(|process| &process.command);
         let has_programs = programs.any(|command| !command.is_empty());
-        let start = || launcher::Guard::start(launcher::reexec(GUARD, run_dir)?, run_dir);
+        let start = || launcher::Guard::start(GUARD, run_dir);
         let guard = has_programs.then(start).transpose();
-        let guard =
-            guard.map_err(|error| Failure::Work(format!("cannot start {GUARD}: {error}")))?;
+        let guard = guard.map_err(Failure::cannot("start", Path::new(GUARD)))?;
         Ok(Self {
             job,
             account_path,
-            account: None,
             _guard: guard,
             _past: past,
         })
-    }
-
-    fn take_account(&mut self) {
-        let text = std::fs::read(&self.account_path).ok();
-        self.account = text.and_then(|text| serde_json::from_slice(&text).ok());
     }
 }
 
@@ -255,39 +244,28 @@ fn write_job(job: &Job, run_dir: &Path) -> Result<(), Failure> {
     if job.out.is_dir() {
         let path = job.out.join(JOB);
         let kept = serde_json::to_vec_pretty(job).map_err(Failure::work)?;
-        write_whole(&path, &kept)
-            .map_err(|error| Failure::Work(format!("cannot write {}: {error}", path.display())))?;
+        Draft::write(&path, kept).map_err(Failure::cannot("write", &path))?;
     }
     Ok(())
 }
 
-/// Makes a file that is there whole or not at all, whenever this process is killed.
-fn write_whole(path: &Path, text: &[u8]) -> std::io::Result<()> {
-    let unfinished = path.with_added_extension("tmp");
-    files::write(&unfinished, text)
-        .and_then(|()| std::fs::rename(&unfinished, path))
-        .inspect_err(|_| {
-            let _ = std::fs::remove_file(&unfinished);
-        })
-}
-
 /// The command of a process: this program itself, or the one in the graph.
 fn command(job: &Job, name: &str, run: &Path) -> std::io::Result<Command> {
-    let process = job.graph.process(name);
-    let is = |what: fn(&Process) -> bool| process.is_some_and(what);
-    if is(|process| !process.command.is_empty()) {
+    let Some(process) = job.graph.process(name) else {
+        return launcher::reexec(name, run);
+    };
+    if !process.command.is_empty() {
         // Started again: what its predecessor has left.
         launcher::end_descendants(run, Some(name));
     }
-    if is(|process| !process.robot.is_empty()) {
+    if !process.robot.is_empty() {
         return launcher::reexec(ROBOT, run);
     }
-    if is(|process| process.external) {
+    if process.external {
         return launcher::reexec(STAND_IN, run);
     }
-    let program = process.map_or(name, Process::program_name);
     let Some(mut command) = load::command(&job.graph, name) else {
-        return launcher::reexec(program, run);
+        return launcher::reexec(process.program_name(), run);
     };
     // It finds the library that fits this program.
     command.env("ARMPLANE", std::env::current_exe()?);

@@ -3,11 +3,10 @@
 use std::path::Path;
 
 use model::Robot;
-use shared_types::scenario::{Layout, Scenario};
+use shared_types::scenario::Layout;
 use viz::Tick;
 
 use crate::failure::Failure;
-use crate::results::SCENARIO;
 use crate::runs::Run;
 
 /// The layout of a run as a `.rbl`: the first tick is computed again, which names the singularities and places the eye.
@@ -19,11 +18,9 @@ pub fn save_blueprint(run: &Run, layout: Layout, path: &Path) -> Result<(), Fail
     let robot = Robot::from_source(&job.robot).map_err(Failure::input)?;
     let first = chain::first_tick(&robot, &job.scenario).map_err(Failure::input)?;
     // The faults that the run has had, those injected by hand too: plots mark them.
-    if let Some(repeats) = files::read_text(&run.folder.join(SCENARIO), files::LARGEST_WRITTEN)
-        .ok()
-        .and_then(|text| Scenario::parse(SCENARIO, &text, &[]).ok())
-    {
-        job.scenario.fault = repeats.fault;
+    if let Ok(Some(summary)) = run.summary_if_any() {
+        let faults = summary.faults.into_iter();
+        job.scenario.fault = faults.filter_map(|fault| fault.plan).collect();
     }
     let first = Tick {
         messages: (&first).into(),

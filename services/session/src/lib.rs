@@ -2,10 +2,12 @@
 //! keeps its results, finds them again and exports them.
 //!
 //! [`run`] is one run in that order. Nothing starts before everything is validated. This crate
-//! prints nothing: events of a run go to an [`Observer`], and [`RunText`] turns a summary into
+//! prints nothing: events of a run go to an [`Observer`], and [`run_text`] turns a summary into
 //! text.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
+pub mod fault_kinds;
+pub mod graph_text;
 pub mod load;
 pub mod observation;
 pub mod schema;
@@ -16,8 +18,6 @@ mod catalogue;
 mod drawing;
 mod export;
 mod failure;
-mod fault_kinds;
-mod graph_text;
 mod injection;
 mod launch;
 mod layout;
@@ -48,8 +48,6 @@ pub use catalogue::Catalogue;
 pub use drawing::{Shown, shown};
 pub use export::{Export, ExportFormat, export};
 pub use failure::Failure;
-pub use fault_kinds::FaultKinds;
-pub use graph_text::{GraphText, Topics};
 pub use injection::inject;
 pub use launch::{Begin, GUARD, ROBOT, interrupts, launch, launch_watched};
 pub use launcher::Interrupts;
@@ -63,12 +61,12 @@ pub use progress::{Observer, Progress};
 pub use python::Python;
 pub use recover::{go_on, recover, remains};
 pub use report::{Page, report};
-pub use results::{GIVEN_TARGETS, LINES, REPORT, RUNS, Results, SUMMARY, holds_run, keep};
+pub use results::{GIVEN_TARGETS, LINES, REPORT, RUNS, Results, SUMMARY, holds_run};
 pub use robot::{mode_of, simulated};
 pub use runs::Run;
 pub use session::{Finished, Request, run, run_loaded, whole};
 pub use shared_types::job::JOB;
 pub use steer::{Steering, Targets};
 pub use summary::{deadlines, summarise};
-pub use text::{RunText, Verdict};
+pub use text::{run_text, verdict};
 pub use viewer::{WATCH, show, viewer_command, watch};

@@ -25,8 +25,8 @@ use crate::units;
 pub const DEFAULT_SCENARIO: &str = "fig5-wrist-rotation";
 
 /// Endings of the files that an arm is read from.
-pub(crate) const URDF: &str = ".urdf";
-pub(crate) const MJCF: &str = ".xml";
+const URDF: &str = ".urdf";
+const MJCF: &str = ".xml";
 
 /// A scenario with its robot, its start posture and its process graph, all checked against each other.
 pub struct Loaded {
@@ -66,8 +66,8 @@ pub struct Source {
     pub file: String,
     /// The file's text.
     pub text: String,
-    /// The folder from which the paths in it count; none for a built-in scenario.
-    pub folder: Option<PathBuf>,
+    /// The folder from which the paths in it count; empty is the working directory, as for a built-in scenario.
+    pub folder: PathBuf,
 }
 
 impl Source {
@@ -80,7 +80,7 @@ impl Source {
             return Ok(Self {
                 file: format!("{name}.toml"),
                 text: text.to_owned(),
-                folder: None,
+                folder: PathBuf::new(),
             });
         }
         let path = Path::new(name);
@@ -104,13 +104,12 @@ impl Source {
                 "or give the path of a scenario file (.toml), see `armplane list`",
             )));
         }
-        let (text, folder) = (read(path)?, path.parent().map(Path::to_owned));
+        let (text, folder) = (read(path)?, path.parent().unwrap_or(Path::new("")));
         is_for(name, &text, "a scenario")?;
-        let text = seal::open(name, text, folder.as_deref().unwrap_or(Path::new("")))?;
         Ok(Self {
             file: name.to_owned(),
-            text,
-            folder,
+            text: seal::open(name, text, folder)?,
+            folder: folder.to_owned(),
         })
     }
 
@@ -156,7 +155,7 @@ impl Source {
         self.read_targets(&mut scenario)?;
         self.read_tables(&mut scenario)?;
         let graph = graph_of(&scenario, graph_file.or(own_graph.as_deref()))?;
-        self.check(&scenario, &robot, &graph)?;
+        check(&scenario, &robot, &graph).map_err(|complaint| self.located(complaint))?;
         Ok(Loaded {
             scenario,
             robot,
@@ -164,15 +163,19 @@ impl Source {
         })
     }
 
-    /// Reads the file of a steered run's targets, where the scenario names one.
+    /// Reads the file of a steered run's targets, where the scenario names one that has not been read.
     ///
     /// # Errors
-    /// [`Failure::Input`] if it cannot be read or is no list of targets.
-    pub fn read_targets(&self, scenario: &mut Scenario) -> Result<(), Failure> {
-        match self.targets_file(scenario) {
-            Some(path) => self.give_targets(scenario, read_targets(&path)?),
-            None => Ok(()),
+    /// [`Failure::Input`] if it cannot be read, [`Failure::File`] if it is no list of targets.
+    fn read_targets(&self, scenario: &mut Scenario) -> Result<(), Failure> {
+        let rate_hz = scenario.rate_hz;
+        if let Some(session) = &mut scenario.servo
+            && !session.input.is_empty()
+            && session.targets.is_empty()
+        {
+            session.targets = targets(&self.beside(&session.input), rate_hz)?;
         }
+        Ok(())
     }
 
     /// Reads the files of the segments' tables that have not been read, and gives the segments the times of their tables.
@@ -183,12 +186,10 @@ impl Source {
         for (i, segment) in scenario.segment.iter_mut().enumerate() {
             if let Some(table) = segment.table.as_mut().filter(|table| table.rows.is_empty()) {
                 let path = self.beside(&table.file);
-                table.rows = read_targets(&path)?;
-                let located = |error: InvalidRow| {
-                    let name = path.display().to_string();
-                    Failure::File(error.in_file(&name, &table.rows).into())
-                };
-                table.poses().map_err(located)?;
+                table.rows = rows(&path)?;
+                table
+                    .poses()
+                    .map_err(|error| in_file(error, &path, &table.rows))?;
             }
             segment
                 .take_times()
@@ -198,38 +199,6 @@ impl Source {
         scenario
             .check()
             .map_err(|complaint| self.located(complaint))
-    }
-
-    /// The file of a steered run's targets, where the scenario names one that has not been read.
-    pub fn targets_file(&self, scenario: &Scenario) -> Option<PathBuf> {
-        let session = scenario
-            .servo
-            .as_ref()
-            .filter(|session| !session.input.is_empty() && session.targets.is_empty())?;
-        Some(self.beside(&session.input))
-    }
-
-    /// Gives a steered run the text of the file that its scenario names.
-    ///
-    /// # Errors
-    /// [`Failure::File`] if it is no list of targets.
-    pub fn give_targets(&self, scenario: &mut Scenario, text: String) -> Result<(), Failure> {
-        let rate_hz = scenario.rate_hz;
-        let Some(session) = &mut scenario.servo else {
-            return Ok(());
-        };
-        let path = self.beside(&session.input);
-        session.targets = text;
-        let located = |error: InvalidRow| {
-            Failure::File(
-                error
-                    .in_file(&path.display().to_string(), &session.targets)
-                    .into(),
-            )
-        };
-        target_file::parse(&session.targets, rate_hz)
-            .map(drop)
-            .map_err(located)
     }
 
     /// The robot that a scenario from here names.
@@ -243,8 +212,7 @@ impl Source {
                 other => other,
             }
         };
-        let folder = self.folder.as_deref();
-        let robot = robot(&scenario.robot, folder, scenario.frame(), None);
+        let robot = robot_in(&self.folder, &scenario.robot, scenario.frame(), None);
         let robot = robot.map_err(located("robot"))?;
         match &scenario.mount {
             Some(mount) => mounted(&robot, mount).map_err(located("mount")),
@@ -252,72 +220,68 @@ impl Source {
         }
     }
 
-    /// Checks a scenario from here against its robot and graph.
-    ///
-    /// # Errors
-    /// [`Failure::File`] if its frame, its faults or its start posture do not fit.
-    pub fn check(&self, scenario: &Scenario, robot: &Robot, graph: &Graph) -> Result<(), Failure> {
-        let located = |complaint: Complaint| self.located(complaint);
-        if let Some(name) = scenario.frame() {
-            let frame = robot.frames.iter().find(|frame| frame.name == name);
-            // Frames before the last joint leave joints out.
-            let last = robot.joints.len().checked_sub(1);
-            let ends = robot.frames.iter().filter(|frame| frame.joint == last);
-            let names = ends.map(|frame| frame.name.as_str());
-            let wrong = match frame {
-                None => Some(unknown("frame", name, names, "")),
-                Some(frame) if frame.joint.is_none() => {
-                    Some(format!("the frame `{name}` stands still with the base"))
-                }
-                Some(_) => None,
-            };
-            let remedy = format!("left out, it is the arm's own, `{}`", robot.default_frame);
-            wrong.map_or(Ok(()), |wrong| {
-                Err(located(Complaint::new("frame", wrong, remedy)))
-            })?;
-        }
-        if scenario.servo.is_some()
-            && !graph
-                .process("controller")
-                .is_some_and(|one| one.reads.iter().any(|topic| topic == "target"))
-        {
-            let remedy = "extends = \"servo\" in the graph";
-            return Err(located(Complaint::new(
-                "servo",
-                "the graph's controller does not read `target`",
-                remedy,
-            )));
-        }
-        scenario.scheduled_faults(graph).map_err(located)?;
-        for (i, fault) in scenario.fault.iter().enumerate() {
-            arm_faults::check(fault, robot)
-                .map_err(|complaint| located(complaint.within(&format!("fault.{i}"))))?;
-        }
-        units::check(scenario, robot).map_err(located)?;
-        robot
-            .complete()
-            .map_err(|error| located(Complaint::new("robot", error.to_string(), "")))?;
-        let (key, remedy) = match &scenario.start {
-            Start { q: Some(_), .. } => ("start.q", "q is in rad and m, q_deg in degrees"),
-            Start { q_deg: Some(_), .. } => ("start.q_deg", ""),
-            _ => ("start.posture", ""),
-        };
-        robot
-            .start_posture(&scenario.start)
-            .map_err(|error| located(Complaint::new(key, error.to_string(), remedy)))?;
-        Ok(())
-    }
-
     /// The path of a file that a scenario from here names.
     pub fn beside(&self, file: &str) -> PathBuf {
-        self.folder
-            .as_deref()
-            .map_or_else(|| PathBuf::from(file), |folder| folder.join(file))
+        self.folder.join(file)
     }
 
     fn located(&self, complaint: Complaint) -> Failure {
         Failure::from(complaint.locate(&self.file, &self.text))
     }
+}
+
+/// Checks a scenario against its robot and graph.
+///
+/// # Errors
+/// [`Complaint`] if its frame, its faults or its start posture do not fit.
+fn check(scenario: &Scenario, robot: &Robot, graph: &Graph) -> Result<(), Complaint> {
+    if let Some(name) = scenario.frame() {
+        let frame = robot.frames.iter().find(|frame| frame.name == name);
+        // Frames before the last joint leave joints out.
+        let last = robot.joints.len().checked_sub(1);
+        let ends = robot.frames.iter().filter(|frame| frame.joint == last);
+        let names = ends.map(|frame| frame.name.as_str());
+        let wrong = match frame {
+            None => Some(unknown("frame", name, names, "")),
+            Some(frame) if frame.joint.is_none() => {
+                Some(format!("the frame `{name}` stands still with the base"))
+            }
+            Some(_) => None,
+        };
+        if let Some(wrong) = wrong {
+            let remedy = format!("left out, it is the arm's own, `{}`", robot.default_frame);
+            return Err(Complaint::new("frame", wrong, remedy));
+        }
+    }
+    if scenario.servo.is_some()
+        && !graph
+            .process("controller")
+            .is_some_and(|one| one.reads.iter().any(|topic| topic == "target"))
+    {
+        return Err(Complaint::new(
+            "servo",
+            "the graph's controller does not read `target`",
+            "extends = \"servo\" in the graph",
+        ));
+    }
+    scenario.scheduled_faults(graph)?;
+    for (i, fault) in scenario.fault.iter().enumerate() {
+        arm_faults::check(fault, robot)
+            .map_err(|complaint| complaint.within(&format!("fault.{i}")))?;
+    }
+    units::check(scenario, robot)?;
+    robot
+        .complete()
+        .map_err(|error| Complaint::new("robot", error.to_string(), ""))?;
+    let (key, remedy) = match &scenario.start {
+        Start { q: Some(_), .. } => ("start.q", "q is in rad and m, q_deg in degrees"),
+        Start { q_deg: Some(_), .. } => ("start.q_deg", ""),
+        _ => ("start.posture", ""),
+    };
+    robot
+        .start_posture(&scenario.start)
+        .map_err(|error| Complaint::new(key, error.to_string(), remedy))?;
+    Ok(())
 }
 
 /// TOML files by their purpose: keys of which each has one, and a command for it.
@@ -375,10 +339,7 @@ fn misplaced(setting: &str) -> Option<Failure> {
 /// The remedy for a file or folder that is no scenario.
 fn instead(path: &Path) -> Option<String> {
     let name = path.display();
-    let folder = path
-        .parent()
-        .filter(|folder| !folder.as_os_str().is_empty());
-    let folder = folder.unwrap_or(Path::new(".")).display();
+    let folder = files::folder_of(path).display();
     if path.is_dir() {
         return Some(match path.join(SCENARIO).exists() {
             true => format!(
@@ -404,14 +365,24 @@ fn instead(path: &Path) -> Option<String> {
     }
 }
 
+/// Whether the arm of this name is read from a file.
+pub(crate) fn is_arm_file(name: &str) -> bool {
+    [URDF, MJCF].iter().any(|ending| name.ends_with(ending))
+}
+
 /// A robot by built-in name, or a URDF or MJCF with an optional description beside it (`arm.urdf`, `arm.toml`). Of a URDF with several arms, whose description
 /// names none, it is the one that ends in `frame`; with `base` the arm from this link on.
 ///
 /// # Errors
 /// [`Failure::Input`] if there is no such robot, or its description is invalid.
-pub fn robot(
+pub fn robot(name: &str, frame: Option<&str>, base: Option<&str>) -> Result<Robot, Failure> {
+    robot_in(Path::new(""), name, frame, base)
+}
+
+/// The same, where a path counts from a folder.
+fn robot_in(
+    folder: &Path,
     name: &str,
-    folder: Option<&Path>,
     frame: Option<&str>,
     base: Option<&str>,
 ) -> Result<Robot, Failure> {
@@ -421,11 +392,9 @@ pub fn robot(
             "{name} is not an arm yet: expand it, `xacro {name} > {stem}{URDF}`, and name that file"
         )));
     }
-    if ![URDF, MJCF].iter().any(|ending| name.ends_with(ending)) {
-        if folder
-            .map_or_else(|| PathBuf::from(name), |folder| folder.join(name))
-            .is_file()
-        {
+    let path = folder.join(name);
+    if !is_arm_file(name) {
+        if path.is_file() {
             return Err(Failure::Input(format!(
                 "{name} is not an arm: give a file that ends in {URDF}, or {MJCF} for MuJoCo's format"
             )));
@@ -446,7 +415,6 @@ pub fn robot(
             None => Ok(robot),
         };
     }
-    let path = folder.map_or_else(|| PathBuf::from(name), |folder| folder.join(name));
     let refused = |error: String| Failure::Input(format!("{}: {error}", path.display()));
     let mut source = files::robot(&path, None).map_err(Failure::Input)?;
     if name.ends_with(MJCF) {
@@ -465,23 +433,10 @@ pub fn robot(
 /// The arm as it is mounted: its description has the scenario's keys, so that every process knows them.
 fn mounted(robot: &Robot, mount: &Mount) -> Result<Robot, Failure> {
     let mut description: toml::Table = robot.source.description.parse().map_err(Failure::input)?;
-    let Mount {
-        base_rpy_deg,
-        tool,
-        payload,
-        ..
-    } = mount;
-    let tool = tool.map(toml::Value::try_from).transpose();
-    let payload = payload.map(toml::Value::try_from).transpose();
-    for (key, value) in [
-        ("base_rpy_deg", Some((*base_rpy_deg).to_vec().into())),
-        ("tool", tool.map_err(Failure::input)?),
-        ("payload", payload.map_err(Failure::input)?),
-    ] {
-        if let Some(value) = value {
-            description.insert(key.to_owned(), value);
-        }
-    }
+    let mut mount = toml::Table::try_from(mount).map_err(Failure::input)?;
+    // It is for curves in the frame `world`, which the arm does not know.
+    mount.remove("base_m");
+    description.extend(mount);
     Robot::from_source(&RobotText {
         description: description.to_string(),
         ..robot.source.clone()
@@ -669,7 +624,19 @@ pub fn read(path: &Path) -> Result<String, Failure> {
 /// The text of a file of targets.
 ///
 /// # Errors
-/// [`Failure::Input`] with the remedy, if it cannot be read or has more than 256 MiB.
-pub fn read_targets(path: &Path) -> Result<String, Failure> {
+/// [`Failure::Input`] with the remedy, if it cannot be read or has more than 256 MiB; [`Failure::File`] if it is no list of targets.
+pub(crate) fn targets(path: &Path, rate_hz: u32) -> Result<String, Failure> {
+    let text = rows(path)?;
+    target_file::parse(&text, rate_hz).map_err(|error| in_file(error, path, &text))?;
+    Ok(text)
+}
+
+/// The text of a file that a program may have written: targets, a table of poses.
+fn rows(path: &Path) -> Result<String, Failure> {
     files::text(path, files::LARGEST).map_err(Failure::Input)
+}
+
+/// The defect of a row, at its place in a file.
+pub(crate) fn in_file(error: InvalidRow, path: &Path, text: &str) -> Failure {
+    error.in_file(&path.display().to_string(), text).into()
 }

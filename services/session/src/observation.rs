@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use runtime::{
-    ControlPage, Counts, Distribution, FaultRecord, FoundRun, Manifest, RunDir, SHM, State, Stop,
+    ControlPage, Counts, Distribution, FaultRecord, FoundRun, MAX_PROCESSES, Manifest,
+    ProcessEntry, RunDir, SHM, State, Stop,
 };
 use serde::Serialize;
 use shared_types::codes::{self, name_of, singularity_name};
@@ -45,19 +46,16 @@ impl Living {
     }
 
     fn of(found: &FoundRun) -> Option<Self> {
-        let run = RunDir::open(&Path::new(SHM).join(&found.name)).ok()?;
-        let (manifest, page) = (Manifest::read(&run).ok()?, ControlPage::open(&run).ok()?);
-        let ticks = (0..manifest.processes.len()).map(|index| page.process(index).ticks());
-        let job = job(&run);
+        let (run, manifest, page) = open_run(&found.name).ok()?;
+        let (scenario, folder) = job(run.path())
+            .map(|job| (job.scenario.name, job.out))
+            .unwrap_or_default();
         Some(Self {
             run: found.name.clone(),
-            scenario: job
-                .as_ref()
-                .map(|job| job.scenario.name.clone())
-                .unwrap_or_default(),
-            folder: job.map(|job| job.out).unwrap_or_default(),
+            scenario,
+            folder,
             mode: manifest.mode.name(),
-            tick: ticks.max().unwrap_or_default(),
+            tick: ticks_done(&page),
             launcher_pid: found.launcher_pid,
         })
     }
@@ -101,10 +99,7 @@ impl Living {
 
     /// Its files in shared memory.
     pub(crate) fn open(&self) -> Result<(RunDir, Manifest, ControlPage), Failure> {
-        let run = RunDir::open(&Path::new(SHM).join(&self.run)).map_err(Failure::input)?;
-        let manifest = Manifest::read(&run).map_err(Failure::work)?;
-        let control_page = ControlPage::open(&run).map_err(Failure::work)?;
-        Ok((run, manifest, control_page))
+        open_run(&self.run)
     }
 
     /// The run that a command is about to change: where it is not named, it must have been started from this folder.
@@ -161,9 +156,27 @@ impl fmt::Display for Living {
     }
 }
 
-/// The job of a run; `None` for a graph without one (a bench).
-pub(crate) fn job(run: &RunDir) -> Option<Job> {
-    serde_json::from_slice(&std::fs::read(run.path().join(JOB)).ok()?).ok()
+/// The files of a run, by its name in shared memory.
+pub(crate) fn open_run(name: &str) -> Result<(RunDir, Manifest, ControlPage), Failure> {
+    let run = RunDir::open(&Path::new(SHM).join(name)).map_err(Failure::input)?;
+    let manifest = Manifest::read(&run).map_err(Failure::work)?;
+    let control_page = ControlPage::open(&run).map_err(Failure::work)?;
+    Ok((run, manifest, control_page))
+}
+
+/// Ticks that a process of a run has done, the most of all.
+pub(crate) fn ticks_done(page: &ControlPage) -> u64 {
+    let ticks = (0..MAX_PROCESSES).map(|process| page.process(process).ticks());
+    ticks.max().unwrap_or_default()
+}
+
+/// The job of a run in shared memory.
+///
+/// # Errors
+/// [`Failure::Work`] if it cannot be read; a bench has none.
+pub(crate) fn job(run: &Path) -> Result<Job, Failure> {
+    let text = files::read(&run.join(JOB)).map_err(Failure::work)?;
+    serde_json::from_slice(&text).map_err(Failure::work)
 }
 
 /// Percentiles of times between two samples of a run; the longest covers the whole run; µs.
@@ -276,17 +289,12 @@ struct Sample {
 }
 
 impl Sample {
-    /// Of each process.
-    fn all(control_page: &ControlPage, manifest: &Manifest) -> Vec<Self> {
-        let of = |index: usize| {
-            let entry = control_page.process(index);
-            Self {
-                ticks: entry.ticks(),
-                step: entry.step(),
-                age: entry.age(),
-            }
-        };
-        (0..manifest.processes.len()).map(of).collect()
+    fn of(entry: &ProcessEntry) -> Self {
+        Self {
+            ticks: entry.ticks(),
+            step: entry.step(),
+            age: entry.age(),
+        }
     }
 }
 
@@ -307,14 +315,14 @@ impl Observer {
     /// The run has ended, or its files cannot be read.
     pub fn open(living: Living) -> Result<Self, Failure> {
         let (run, manifest, control_page) = living.open()?;
-        let before = Sample::all(&control_page, &manifest);
+        let entries = (0..manifest.processes.len()).map(|index| control_page.process(index));
         Ok(Self {
+            before: entries.map(Sample::of).collect(),
             at: Instant::now(),
             run,
             living,
             manifest,
             control_page,
-            before,
         })
     }
 
@@ -326,12 +334,12 @@ impl Observer {
     /// The run since the last call, or since [`Observer::open`].
     pub fn observe(&mut self) -> Observation {
         let (page, at) = (&self.control_page, Instant::now());
-        let now = Sample::all(page, &self.manifest);
         let elapsed_s = (at - self.at).as_secs_f64().max(1e-9);
-        let process = |index: usize| {
-            let (before, now) = (&self.before[index], &now[index]);
+        let tick = ticks_done(page);
+        let process = |(index, last): (usize, &mut Sample)| {
             let (described, entry) = (&self.manifest.processes[index], page.process(index));
-            let counts = entry.counts();
+            let earlier = std::mem::replace(last, Sample::of(entry));
+            let (now, counts) = (&*last, entry.counts());
             ObservedProcess {
                 name: described.name.clone(),
                 state: state(entry.state()),
@@ -339,14 +347,13 @@ impl Observer {
                 starts: entry.incarnation(),
                 core: described.core,
                 ticks: now.ticks,
-                ticks_per_s: now.ticks.saturating_sub(before.ticks) as f64 / elapsed_s,
+                ticks_per_s: now.ticks.saturating_sub(earlier.ticks) as f64 / elapsed_s,
                 missed: counts.silent,
                 counts,
-                step_us: times(&before.step, &now.step),
-                age_us: times(&before.age, &now.age),
+                step_us: times(&earlier.step, &now.step),
+                age_us: times(&earlier.age, &now.age),
             }
         };
-        let tick = now.iter().map(|one| one.ticks).max().unwrap_or(0);
         let (report, modes) = (
             page.latest::<SingularityReport>(),
             page.latest::<ControlState>().mode,
@@ -361,12 +368,13 @@ impl Observer {
             tick: record.scheduled.at,
             active: record.scheduled.concerns(tick),
         };
-        let observation = Observation {
+        self.at = at;
+        Observation {
             run: self.living.run.clone(),
             title: self.living.to_string(),
             mode: self.manifest.mode.name(),
             rate_hz: self.manifest.rate_hz,
-            processes: (0..now.len()).map(process).collect(),
+            processes: self.before.iter_mut().enumerate().map(process).collect(),
             drive: name_of(codes::DRIVES, sample.drive),
             stale_ticks: sample.stale_ticks.into(),
             phase: name_of(codes::PHASES, page.latest::<TorqueCommand>().phase),
@@ -375,9 +383,7 @@ impl Observer {
                 .map(singularity)
                 .collect(),
             faults: page.fault_table().records().map(fault).collect(),
-        };
-        (self.at, self.before) = (at, now);
-        observation
+        }
     }
 }
 

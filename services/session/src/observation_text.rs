@@ -3,31 +3,16 @@
 use crate::observation::{Observation, ObservedFault, ObservedProcess, Times};
 use crate::table::{Cell, Color, count, number, table};
 
-/// Colours, where they are wanted.
-#[derive(Clone, Copy)]
-struct Paint(bool);
+const BOLD: u8 = 1;
+const RED: u8 = 31;
+const YELLOW: u8 = 33;
+const MAGENTA: u8 = 35;
 
-impl Paint {
-    const BOLD: u8 = 1;
-    const RED: u8 = 31;
-    const YELLOW: u8 = 33;
-    const MAGENTA: u8 = 35;
-
-    fn of(self, colour: u8, text: &str) -> String {
-        if self.0 {
-            format!("\x1b[{colour}m{text}\x1b[0m")
-        } else {
-            text.to_owned()
-        }
-    }
-
-    /// A condition, if it holds.
-    fn when(self, so: bool, colour: u8, text: &str) -> String {
-        if so {
-            self.of(colour, text)
-        } else {
-            text.to_owned()
-        }
+/// The text, in a colour if a condition holds.
+fn painted(is_coloured: bool, colour: u8, text: &str) -> String {
+    match is_coloured {
+        true => format!("\x1b[{colour}m{text}\x1b[0m"),
+        false => text.to_owned(),
     }
 }
 
@@ -56,7 +41,7 @@ fn in_words(times: &Times) -> String {
 }
 
 /// The table of the processes in so many columns of a terminal, and the headings of what has no room.
-fn processes(run: &Observation, paint: Paint, columns: usize) -> (Vec<String>, Vec<String>) {
+fn processes(run: &Observation, is_coloured: bool, columns: usize) -> (Vec<String>, Vec<String>) {
     let mut rows = table(&[
         "process", "state", "start", "tick", "ticks/s", "step µs", "age µs", "missed", "lost",
         "pid", "core",
@@ -89,13 +74,13 @@ fn processes(run: &Observation, paint: Paint, columns: usize) -> (Vec<String>, V
             number(one.core.map_or("any".to_owned(), |core| core.to_string())),
         ]);
     }
-    rows.lines(columns, paint.0)
+    rows.lines(columns, is_coloured)
 }
 
 /// The last faults, as many as there is room for.
 fn faults(
     run: &Observation,
-    paint: Paint,
+    is_coloured: bool,
     room: usize,
     fitted: &dyn Fn(&str) -> String,
 ) -> Vec<String> {
@@ -115,7 +100,7 @@ fn faults(
         } = fault;
         let force = if *active { "active" } else { "inactive" };
         let text = format!("fault {kind} of {process} from tick {tick}, {origin}, {force}");
-        paint.when(*active, Paint::RED, &fitted(&text))
+        painted(is_coloured && *active, RED, &fitted(&text))
     };
     let earlier = (!hidden.is_empty()).then_some(earlier);
     earlier.into_iter().chain(shown.iter().map(line)).collect()
@@ -127,7 +112,6 @@ pub fn observation_lines(
     is_coloured: bool,
     (columns, rows): (usize, usize),
 ) -> Vec<String> {
-    let paint = Paint(is_coloured);
     // On a screen no line may be longer; a pipe takes all.
     let fitted = |line: &str| match line.char_indices().nth(columns - 1) {
         Some((at, last)) if rows < usize::MAX && line.len() > at + last.len_utf8() => {
@@ -136,8 +120,8 @@ pub fn observation_lines(
         _ => line.to_owned(),
     };
     let title = format!("{}, {} Hz: {}", run.mode, run.rate_hz, run.title);
-    let mut lines = vec![paint.of(Paint::BOLD, &fitted(&title))];
-    let (table, hidden) = processes(run, paint, columns);
+    let mut lines = vec![painted(is_coloured, BOLD, &fitted(&title))];
+    let (table, hidden) = processes(run, is_coloured, columns);
     lines.extend(table);
     lines.push("step: p50/p99/longest; age: since the tick's sample, p99".to_owned());
     let refusals = run.processes.iter().filter_map(|one| {
@@ -147,13 +131,13 @@ pub fn observation_lines(
     let refusals: Vec<_> = refusals.collect();
     if !refusals.is_empty() {
         let text = format!("outputs refused: {}", refusals.join(", "));
-        lines.push(paint.of(Paint::YELLOW, &text));
+        lines.push(painted(is_coloured, YELLOW, &text));
     }
     let stale = match run.stale_ticks {
         0 => String::new(),
         ticks => format!(", no fresh torque for {}", count(ticks, "tick")),
     };
-    let drive = paint.when(run.drive != "active", Paint::RED, run.drive);
+    let drive = painted(is_coloured && run.drive != "active", RED, run.drive);
     // Of the process that makes the ticks; the others count none.
     let counts = |one: &ObservedProcess| [one.counts.in_time, one.counts.late, one.counts.none];
     let of = run.processes.iter().map(counts);
@@ -168,10 +152,10 @@ pub fn observation_lines(
             "  {:<10} s = {:+.4}  {place}  {}, {}",
             one.name, one.s, one.class, one.mode
         );
-        paint.when(one.inside, Paint::MAGENTA, &text)
+        painted(is_coloured && one.inside, MAGENTA, &text)
     }));
     let room = rows.saturating_sub(lines.len() + 2).max(1);
-    lines.extend(faults(run, paint, room, &fitted));
+    lines.extend(faults(run, is_coloured, room, &fitted));
     let quits = (rows < usize::MAX).then(|| "q quits".to_owned());
     let more = (!hidden.is_empty()).then(|| format!("--json has {}", hidden.join(", ")));
     let keys: Vec<_> = quits.into_iter().chain(more).collect();

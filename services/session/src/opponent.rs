@@ -1,5 +1,6 @@
 //! A third-party controller instead of armplane's: a class in Python, or a process of a graph.
 
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -10,7 +11,7 @@ use shared_types::process::Restart;
 use shared_types::scenario::Scenario;
 
 use crate::failure::Failure;
-use crate::load::{self, Loaded};
+use crate::load;
 use crate::python::Python;
 use crate::robot;
 
@@ -23,6 +24,8 @@ const LONGEST_S: u32 = 120;
 #[derive(Clone, Debug)]
 pub struct Controller {
     file: PathBuf,
+    /// Not a class in Python.
+    is_graph: bool,
     join_limit_s: u32,
 }
 
@@ -33,18 +36,19 @@ impl Controller {
     /// [`Failure::Input`] if there is no such file, or it is neither Python nor a graph.
     pub fn new(file: &Path, join_limit_s: u32) -> Result<Self, Failure> {
         let refused = |reason: &str| Failure::Input(format!("{}: {reason}", file.display()));
-        if !["py", "toml"]
-            .iter()
-            .any(|known| file.extension().is_some_and(|it| it == *known))
-        {
-            return Err(refused(
-                "give a Python file with a class of armplane.arena (.py), or a graph (.toml)",
-            ));
-        }
+        let is_graph = match file.extension().and_then(OsStr::to_str) {
+            Some("py") => false,
+            Some("toml") => true,
+            _ => {
+                return Err(refused(
+                    "give a Python file with a class of armplane.arena (.py), or a graph (.toml)",
+                ));
+            }
+        };
+        let file = file.canonicalize();
         Ok(Self {
-            file: file
-                .canonicalize()
-                .map_err(|error| refused(&error.to_string()))?,
+            file: file.map_err(|error| refused(&error.to_string()))?,
+            is_graph,
             join_limit_s,
         })
     }
@@ -75,18 +79,10 @@ pub fn opposed(
     robot: &Robot,
     scenario: &Scenario,
 ) -> Result<Graph, Failure> {
-    let file = &controller.file;
-    let is_graph = file.extension().is_some_and(|it| it == "toml");
-    let mut loaded = Loaded {
-        scenario: scenario.clone(),
-        robot: robot.clone(),
-        graph: load::graph_of(scenario, is_graph.then_some(file))?,
-    };
-    let own = loaded
-        .graph
-        .process
-        .iter_mut()
-        .find(|process| process.writes.iter().any(|topic| topic == "torque"));
+    let (file, is_graph) = (&controller.file, controller.is_graph);
+    let mut graph = load::graph_of(scenario, is_graph.then_some(file.as_path()))?;
+    let mut processes = graph.process.iter_mut();
+    let own = processes.find(|process| process.writes.iter().any(|topic| topic == "torque"));
     if let Some(own) = own.filter(|own| own.role() != Role::World) {
         if !is_graph {
             own.command = Python::command(MODULE, [file.display().to_string()]);
@@ -98,10 +94,9 @@ pub fn opposed(
             own.join_limit_s = controller.join_limit_s;
         }
     }
-    controller.check(&loaded.graph)?;
-    if let Some(plant) = plant {
-        robot::put_in(&mut loaded, plant)?;
-        robot::check_mode(&loaded.graph, shared_types::job::Mode::Lockstep)?;
+    controller.check(&graph)?;
+    match plant {
+        Some(plant) => robot::with_plant(graph, plant, robot, scenario),
+        None => Ok(graph),
     }
-    Ok(loaded.graph)
 }

@@ -4,17 +4,16 @@ use std::fs::File;
 use std::io::{BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
-use std::time::Instant;
 
 use launcher::Begin;
 use recorder::{Contents, Cut, Item, MESSAGES, RecordReader, RecordWriter, tick_of};
 use runtime::{NamedSaved, Saved};
-use serde_json::Value;
+use serde_json::json;
 use shared_types::ControlState;
 use shared_types::fault::ScheduledFault;
 use shared_types::job::{Branch, Job, Mode};
 use shared_types::scenario::Push;
-use shared_types::summary::{FaultSummary, Pace, Summary};
+use shared_types::summary::FaultSummary;
 use shared_types::topics::CHAIN;
 
 use crate::failure::Failure;
@@ -58,50 +57,9 @@ pub(crate) struct Origin {
     job: Job,
     record: PathBuf,
     begin: Begin,
-    faults: Vec<FaultSummary>,
+    /// The account of its faults.
+    pub(crate) faults: Vec<FaultSummary>,
     pub(crate) branch: Branch,
-}
-
-/// The ticks before a run that goes on, as far as its summary needs them.
-pub(crate) struct Earlier {
-    /// The tick from which it goes on.
-    tick: u64,
-    /// The account of the faults until then.
-    faults: Vec<FaultSummary>,
-    began: Instant,
-}
-
-impl Earlier {
-    /// Of a run that begins now.
-    pub(crate) fn new(tick: u64, faults: Vec<FaultSummary>) -> Self {
-        Self {
-            tick,
-            faults,
-            began: Instant::now(),
-        }
-    }
-
-    /// Completes the summary of the run: faults that happened before it, and the pace of its own ticks.
-    pub(crate) fn complete(&self, summary: &mut Summary) {
-        if self.tick == 0 {
-            return;
-        }
-        for fault in &mut summary.faults {
-            let known = |earlier: &&FaultSummary| {
-                earlier.plan.is_some() && (earlier.tick, &earlier.plan) == (fault.tick, &fault.plan)
-            };
-            if fault.tick < self.tick
-                && let Some(earlier) = self.faults.iter().find(known)
-            {
-                fault.clone_from(earlier);
-            }
-        }
-        let wall_s = self.began.elapsed().as_secs_f64();
-        summary.pace = Pace {
-            wall_s,
-            ticks_per_s: summary.ticks.saturating_sub(self.tick) as f64 / wall_s,
-        };
-    }
 }
 
 /// The command that repeats a branch.
@@ -135,45 +93,37 @@ const KEPT: [&str; 7] = [
 /// [`Failure::Input`] if the run has no such tick, or cannot go on from it so.
 pub(crate) fn begin_at(place: &Place, settings: &[String]) -> Result<(Loaded, Origin), Failure> {
     let (run, job) = recorded(place)?;
-    let refuse = |why: &str| Failure::Input(format!("{}: {why}", run.folder.display()));
     let file = run.folder.join(SCENARIO).display().to_string();
     let load = |settings: &[String]| load::scenario_in(None, &file, settings, None);
-    let loaded = load(settings)?;
+    let (before, loaded) = (load(&[])?, load(settings)?);
     let faults = |loaded: &Loaded| {
         let faults = loaded.scenario.scheduled_faults(&loaded.graph);
-        faults.map_err(|complaint| refuse(&complaint.to_string()))
+        faults.map_err(|complaint| run.refuse(complaint))
     };
-    let before = match settings {
-        [] => None,
-        _ => Some(load(&[])?),
-    };
-    let planned = faults(before.as_ref().unwrap_or(&loaded))?;
+    let planned = faults(&before)?;
     let record = run.folder.join(MESSAGES);
-    let begin = newest_cut(&record, &job, &planned, place.tick)?;
+    let mut begin = newest_cut(&record, &job, &planned, place.tick)?;
     let cut = begin.tick;
-    let begin = match &before {
-        None => begin,
-        Some(before) => {
-            let begun = begun(&record, &job, place.tick)?;
-            check(before, &loaded, begun, &refuse)?;
-            let earlier = |all: Vec<ScheduledFault>| {
-                all.into_iter()
-                    .filter(|fault| fault.at < place.tick)
-                    .collect::<Vec<_>>()
-            };
-            if earlier(faults(&loaded)?) != earlier(planned.clone())
-                || pushes(&loaded, place.tick) != pushes(before, place.tick)
-            {
-                return Err(refuse(&format!(
-                    "a fault or push before tick {} cannot be changed: it would never happen, or has happened",
-                    place.tick
-                )));
-            }
-            advance(place.tick, begin, before, &loaded, &planned).map_err(|why| refuse(&why))?
+    if !settings.is_empty() {
+        let begun = begun(&record, &job, place.tick)?;
+        check(&before, &loaded, begun).map_err(|why| run.refuse(why))?;
+        let earlier = |mut all: Vec<ScheduledFault>| {
+            all.retain(|fault| fault.at < place.tick);
+            all
+        };
+        if earlier(faults(&loaded)?) != earlier(planned.clone())
+            || pushes(&loaded, place.tick) != pushes(&before, place.tick)
+        {
+            return Err(run.refuse(format_args!(
+                "a fault or push before tick {} cannot be changed: it would never happen, or has happened",
+                place.tick
+            )));
         }
-    };
+        begin = advance(place.tick, begin, &before, &loaded, &planned)
+            .map_err(|why| run.refuse(why))?;
+    }
     if let Some(gap) = gap_before(&record, &job, begin.tick, cut)? {
-        return Err(refuse(&format!(
+        return Err(run.refuse(format_args!(
             "{MESSAGES} {gap}, before tick {}: go on from an earlier tick, or run it again",
             begin.tick
         )));
@@ -204,32 +154,31 @@ fn pushes(loaded: &Loaded, tick: u64) -> Vec<Push> {
 fn recorded(place: &Place) -> Result<(Run, Job), Failure> {
     let run = Run::find(Some(&place.run))?;
     let job = run.job()?;
-    let refuse = |why: &str| Failure::Input(format!("{}: {why}", run.folder.display()));
     if job.mode == Mode::Realtime {
-        return Err(refuse(
+        return Err(run.refuse(
             "it ran in real time, and no run in real time comes again: run it in lockstep",
         ));
     }
     if !job.record || !run.folder.join(MESSAGES).exists() {
-        return Err(refuse(&format!(
+        return Err(run.refuse(format_args!(
             "it has no record to go on from ({MESSAGES}): run it again"
         )));
     }
     if !seal::is_sealed(&load::read(&run.folder.join(SCENARIO))?) {
-        return Err(refuse(&format!(
+        return Err(run.refuse(format_args!(
             "its {SCENARIO} has been edited, and its record is of another one: run it from the beginning, or change settings by --set"
         )));
     }
     let ticks = run.summary()?.ticks;
     if !(1..ticks).contains(&place.tick) {
-        return Err(refuse(&format!(
+        return Err(run.refuse(format_args!(
             "it has the ticks 1 to {}, not {}",
             ticks.saturating_sub(1),
             place.tick
         )));
     }
     if let Some(branch) = branched_after(&job, place.tick) {
-        return Err(refuse(&format!(
+        return Err(run.refuse(format_args!(
             "it has its settings only from tick {} on, where it branches off {}: go on from there or later, or from that run",
             branch.tick, branch.run
         )));
@@ -355,10 +304,10 @@ impl Past {
             files.push(is_needed.then(create).transpose()?.map(BufWriter::new));
         }
         let record = job.out.join(MESSAGES);
-        let mut record = RecordReader::open(&record, &contents).map_err(Failure::work)?;
+        let record = RecordReader::open_before(&record, &contents, begin.tick);
+        let mut record = record.map_err(Failure::work)?;
         while let Some(item) = record.next_item() {
             if let Item::Message { channel, message } = item
-                && tick_of(message) < begin.tick
                 && let Some(file) = &mut files[channel]
             {
                 file.write_all(message)
@@ -390,49 +339,38 @@ fn begun(record: &Path, job: &Job, tick: u64) -> Result<usize, Failure> {
 }
 
 /// Whether a branch may have these settings, so many segments having begun.
-fn check(
-    before: &Loaded,
-    after: &Loaded,
-    begun: usize,
-    refuse: &dyn Fn(&str) -> Failure,
-) -> Result<(), Failure> {
-    let values = |loaded: &Loaded| serde_json::to_value(&loaded.scenario).map_err(Failure::work);
-    let (was, is) = (values(before)?, values(after)?);
+///
+/// # Errors
+/// Why not, in words.
+fn check(before: &Loaded, after: &Loaded, begun: usize) -> Result<(), String> {
+    let (was, is) = (json!(before.scenario), json!(after.scenario));
     let changed = |path: &str| was.pointer(path) != is.pointer(path);
     let kept = KEPT.iter().find(|key| changed(&format!("/{key}")));
     if let Some(key) = kept {
-        return Err(refuse(&format!(
+        return Err(format!(
             "a branch keeps the `{key}` of its run: it can change control, plant, faults and what comes after the tick"
-        )));
+        ));
     }
     if before.graph != after.graph {
-        return Err(refuse(
-            "these settings change its processes or topics, and a branch keeps them: run it from the beginning",
-        ));
+        return Err(
+            "these settings change its processes or topics, and a branch keeps them: run it from the beginning"
+                .to_owned(),
+        );
     }
     let began = (0..begun).find(|segment| changed(&format!("/segment/{segment}")));
     if let Some(segment) = began {
-        return Err(refuse(&format!(
+        return Err(format!(
             "segment {segment} has begun by then, and the law goes on along it: change a later one"
-        )));
+        ));
     }
     if changed("/control/strategy") {
-        let law = |value: &Value| {
-            value
-                .pointer("/control/strategy")
-                .cloned()
-                .unwrap_or_default()
-        };
-        return Err(refuse(&format!(
+        return Err(format!(
             "the strategy {} cannot go on from the state of {}: compare them from the beginning, `armplane compare`",
-            law(&is),
-            law(&was)
-        )));
+            is["control"]["strategy"], was["control"]["strategy"]
+        ));
     }
     if changed("/plant/model") {
-        return Err(refuse(
-            "another model of the plant cannot go on from this one's state",
-        ));
+        return Err("another model of the plant cannot go on from this one's state".to_owned());
     }
     Ok(())
 }
@@ -511,7 +449,7 @@ impl Origin {
     pub(crate) fn hand_over(&self, job: &Job) -> Result<Begin, Failure> {
         let Begin { tick, saved } = &self.begin;
         if *tick == 0 {
-            return Ok(Begin::default());
+            return Ok(self.begin.clone());
         }
         let (path, contents) = (job.out.join(MESSAGES), Contents::of(job));
         let earlier = RecordReader::open_before(&self.record, &Contents::of(&self.job), *tick);
@@ -528,24 +466,19 @@ impl Origin {
         Ok(self.begin.clone())
     }
 
-    /// This run, as the summary of the one that goes on needs it.
-    pub(crate) fn earlier(&self) -> Earlier {
-        Earlier::new(self.begin.tick, self.faults.clone())
-    }
-
     /// Another run does not take the folder of this one.
     ///
     /// # Errors
     /// [`Failure::Input`] if it would.
     pub(crate) fn spare(&self, folder: &Path) -> Result<(), Failure> {
         let own = self.record.parent().and_then(|of| of.canonicalize().ok());
-        if own != folder.canonicalize().ok() {
-            return Ok(());
+        match own == folder.canonicalize().ok() {
+            false => Ok(()),
+            true => Err(Failure::Input(format!(
+                "{} is the folder of the run to go on from: choose another with --out",
+                folder.display()
+            ))),
         }
-        Err(Failure::Input(format!(
-            "{} is the folder of the run to go on from: choose another with --out",
-            folder.display()
-        )))
     }
 }
 

@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
-use launcher::{Child, Limits, Plan, Restart};
+use launcher::{Child, Limits, Plan};
 use runtime::realtime::allowed_cores;
-use shared_types::graph::{self, Graph, Role};
+use shared_types::graph::{Graph, Role};
 use shared_types::job::{Job, Mode};
 use shared_types::process::Process;
 
@@ -42,16 +42,9 @@ pub fn plan(job: &Job) -> Result<Plan, Failure> {
             disturbance: runtime::Disturbance::default(),
         },
         ends_run: process.role() == Role::World,
-        restart: match process.restart {
-            graph::Restart::Never => Restart::Never,
-            graph::Restart::Always => Restart::Budget {
-                times: process.restarts(),
-                back_off: Duration::from_millis(10),
-            },
-        },
+        most_restarts: process.restarts(),
     });
     let messages = graph.own_messages().collect();
-    let is_external = |process: &Process| process.external || !process.robot.is_empty();
     let limits = match graph.process.iter().any(is_external) {
         true => Limits {
             start: None,
@@ -70,6 +63,11 @@ pub fn plan(job: &Job) -> Result<Plan, Failure> {
         faults,
         begin: launcher::Begin::default(),
     })
+}
+
+/// Whether a process starts when a person, or a robot, is ready for it.
+pub(crate) fn is_external(process: &Process) -> bool {
+    process.external || !process.robot.is_empty()
 }
 
 /// An interpreter may have much to load before it joins.

@@ -1,5 +1,7 @@
 //! Progress of a long operation.
 
+use std::fmt::Display;
+
 /// One piece of news.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Progress<'a> {
@@ -26,3 +28,8 @@ pub enum Progress<'a> {
 
 /// Receives the news, from any thread. Returning is all it must do.
 pub type Observer<'a> = &'a (dyn Fn(Progress<'_>) + Sync);
+
+/// Tells a sentence of this program's own, beside those of a run's processes.
+pub(crate) fn say(observer: Observer<'_>, sentence: impl Display) {
+    observer(Progress::Line(&format!("armplane: {sentence}")));
+}

@@ -5,23 +5,23 @@ use std::path::Path;
 
 use model::Robot;
 use recorder::MESSAGES;
-use runtime::{ControlPage, MAX_PROCESSES, RunDir, SHM};
-use shared_types::graph::Process;
+use runtime::{ControlPage, RunDir};
 use shared_types::job::{JOB, Job, Mode};
-use shared_types::summary::{FaultSummary, INTERRUPTED, Summary};
+use shared_types::summary::{INTERRUPTED, Summary};
 
 use crate::drawing::draw_results;
 use crate::export::joined;
 use crate::failure::Failure;
-use crate::launch::{interrupts, launch};
+use crate::launch::interrupts;
 use crate::machine::machine;
-use crate::origin::{Earlier, newest_cut};
-use crate::plan::plan;
-use crate::progress::{Observer, Progress};
-use crate::results::{Results, SUMMARY, keep};
+use crate::observation::{open_run, ticks_done};
+use crate::origin::newest_cut;
+use crate::plan::{is_external, plan};
+use crate::progress::{Observer, say};
+use crate::results::{Results, SUMMARY};
 use crate::runs::Run;
-use crate::session::{Finished, add_unread, conclude};
-use crate::summary::{deadlines, detected, fault_summary};
+use crate::session::{Finished, Prepared};
+use crate::summary::{add_deaths, deadlines, detected, fault_summary};
 
 /// Makes recording, summary and repeatable scenario of a run from the job and the messages in its
 /// folder. Reads its faults from shared memory, if they are still there. If a message log is
@@ -32,7 +32,6 @@ use crate::summary::{deadlines, detected, fault_summary};
 /// [`Failure::Work`] if a file cannot be written.
 pub fn recover(remains: Remains, observer: Observer<'_>) -> Result<Summary, Failure> {
     let Remains { results, job, .. } = remains;
-    let folder = &results.folder;
     let robot = Robot::from_source(&job.robot).map_err(Failure::input)?;
     let mut summary = recorder::rebuild(&robot, &job).map_err(Failure::work)?;
     let page = left_in_shared_memory(&job.run);
@@ -43,7 +42,7 @@ pub fn recover(remains: Remains, observer: Observer<'_>) -> Result<Summary, Fail
     summary.machine = machine();
     add_shared_memory(&mut summary, &job, page.as_ref());
     remove_left(&job.run);
-    keep(folder, &job, &summary)?;
+    results.keep(&job, &summary)?;
     draw_results(&job, &summary, observer, &mut interrupts()?)?;
     Ok(summary)
 }
@@ -69,7 +68,10 @@ fn left(folder: &Path) -> Result<(Results, Job), Failure> {
     // Refused while the run goes on.
     let results = Results::of_run(&folder)?;
     if !folder.join(JOB).exists() {
-        return Err(Failure::Input(nothing_begun(&folder)));
+        let folder = folder.display();
+        return Err(Failure::Input(format!(
+            "{folder} has no {JOB}: its run was killed before it started a process, or it is no folder of a run; `armplane run SCENARIO --out {folder}` makes the run in it"
+        )));
     }
     let mut job = run.job()?;
     if !job.record {
@@ -97,7 +99,6 @@ pub struct Remains {
 /// As [`recover`].
 pub fn remains(folder: &Path) -> Result<Remains, Failure> {
     let (results, job) = left(folder)?;
-    let is_external = |process: &Process| process.external || !process.robot.is_empty();
     let ended = if job.mode == Mode::Realtime {
         Some("it ran in real time")
     } else if job
@@ -129,55 +130,36 @@ pub fn go_on(
     observer: Observer<'_>,
 ) -> Result<Finished, Failure> {
     let Remains {
-        results, mut job, ..
+        mut results,
+        mut job,
+        ..
     } = remains;
     let signals = interrupts()?;
     let mut plan = plan(&job)?;
-    let mut faults = Vec::new();
+    let mut earlier = Vec::new();
     // Those that were given while it ran, too, as far as they are known.
     if let Some(page) = left_in_shared_memory(&job.run) {
-        let records: Vec<_> = page.fault_table().records().collect();
-        plan.faults = records.iter().map(|(_, record)| record.scheduled).collect();
-        faults.extend(
-            records
-                .iter()
-                .map(|(_, record)| fault_summary(&job, record)),
-        );
+        let records = || page.fault_table().records();
+        plan.faults = records().map(|(_, record)| record.scheduled).collect();
+        earlier.extend(records().map(|(_, record)| fault_summary(&job, &record, None)));
     }
     remove_left(&job.run);
     plan.begin = newest_cut(&results.folder.join(MESSAGES), &job, &plan.faults, u64::MAX)?;
     let from = plan.begin.tick;
-    observer(Progress::Line(&format!(
-        "armplane: goes on from tick {from}"
-    )));
+    say(observer, format_args!("goes on from tick {from}"));
     results.reserve(&job)?;
     let killed = format!("the launcher was killed; the run went on from tick {from}");
     job.deaths.push(detected("launcher", from, "kill", killed));
-    let earlier = Earlier::new(from, faults);
-    let launched = launch(&job, plan, &mut |_| Ok(()), observer)?;
-    let complete = |summary: &mut Summary| {
-        add_unread(summary, unread);
-        add_deaths(summary, &job.deaths);
-        earlier.complete(summary);
-    };
-    Ok(conclude(
-        &job,
-        &results,
-        launched,
-        complete,
+    let prepared = Prepared {
+        job,
+        results,
+        plan,
+        earlier,
+        live: None,
+        unread,
         signals,
-        || (),
-        observer,
-    ))
-}
-
-/// Adds deaths of which only the run's job tells.
-fn add_deaths(summary: &mut Summary, deaths: &[FaultSummary]) {
-    for process in &mut summary.processes {
-        let own = deaths.iter().filter(|death| death.process == process.name);
-        process.restarts += own.count() as u32;
-    }
-    summary.faults.extend_from_slice(deaths);
+    };
+    prepared.run(&mut |_| Ok(()), observer)
 }
 
 /// Why the run did not come to its end; `done`: the ticks that it has done, where that is still known.
@@ -211,7 +193,7 @@ fn add_shared_memory(summary: &mut Summary, job: &Job, page: Option<&ControlPage
         .into_iter()
         .flat_map(|page| page.fault_table().records());
     summary.faults = faults
-        .map(|(_, record)| fault_summary(job, &record))
+        .map(|(_, record)| fault_summary(job, &record, None))
         .collect();
     add_deaths(summary, &job.deaths);
     if !summary.completed {
@@ -225,19 +207,9 @@ fn add_shared_memory(summary: &mut Summary, job: &Job, page: Option<&ControlPage
     }
 }
 
-/// Why a folder without a job has nothing to recover, and the remedy.
-fn nothing_begun(folder: &Path) -> String {
-    let folder = folder.display();
-    format!(
-        "{folder} has no {JOB}: its run was killed before it started a process, or it is no folder of a run; `armplane run SCENARIO --out {folder}` makes the run in it"
-    )
-}
-
 /// The control page of a run whose directory still exists.
 fn left_in_shared_memory(run: &str) -> Option<ControlPage> {
-    RunDir::open(&Path::new(SHM).join(run))
-        .ok()
-        .and_then(|run| ControlPage::open(&run).ok())
+    open_run(run).ok().map(|(_, _, page)| page)
 }
 
 /// Removes what the launcher of a run has left in shared memory.
@@ -245,12 +217,4 @@ fn remove_left(run: &str) {
     if let Err(error) = RunDir::remove_left(run) {
         runtime::complain(&error);
     }
-}
-
-/// Ticks that a process of the run has done, the most of all.
-fn ticks_done(page: &ControlPage) -> u64 {
-    (0..MAX_PROCESSES)
-        .map(|process| page.process(process).ticks())
-        .max()
-        .unwrap_or_default()
 }

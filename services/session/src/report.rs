@@ -3,8 +3,9 @@
 use model::Robot;
 use viz::{Happened, Source};
 
-use crate::drawing::{Read, Record};
+use crate::drawing::Record;
 use crate::failure::Failure;
+use crate::launch::interrupts;
 use crate::progress::Observer;
 use crate::runs::Run;
 
@@ -42,9 +43,9 @@ pub fn report(run: &Run, observer: Observer<'_>) -> Result<Page, Failure> {
     let (mut lacks, _) = run.message_damage(&job, Some(&summary));
     lacks.extend(Some(summary.recorder.error.clone()).filter(|error| !error.is_empty()));
     let record = Record::of(job, &run.folder, Some(summary.clone()))?;
-    let (text, Read { .. }) = record.make("report", observer, |source| {
+    let (text, _) = record.make("report", &mut interrupts()?, observer, |source| {
         viz::report(&summary, source, &lacks)
-    })?;
+    });
     Ok(Page {
         text: text.map_err(Failure::work)?,
         shortfall: (!lacks.is_empty()).then(|| run.with_remedy(&lacks.join("; "))),

@@ -1,6 +1,5 @@
 //! The folder of a run: created before the run starts, filled when it is over.
 
-use std::cell::Cell;
 use std::fs::DirEntry;
 use std::io;
 use std::os::fd::OwnedFd;
@@ -39,12 +38,16 @@ const ROBOT_TOML: &str = "robot.toml";
 pub const GIVEN_TARGETS: &str = "targets.csv.tmp";
 /// Made and removed to see whether the results folder can be written to.
 const PROBE: &str = ".armplane";
-/// The files that [`keep`] writes.
-const KEPT: [&str; 7] = [
-    SUMMARY, JOB, SCENARIO, GRAPH, ROBOT_URDF, ROBOT_TOML, TARGETS,
-];
-/// The files that `view`, `report`, `export` and a drill leave beside a run, but for its layouts.
-const MADE_OF_IT: [&str; 7] = [
+/// The files of a run, and those that `view`, `report`, `export` and a drill leave beside it, but for tables and layouts.
+const FILES: [&str; 15] = [
+    SUMMARY,
+    JOB,
+    SCENARIO,
+    GRAPH,
+    ROBOT_URDF,
+    ROBOT_TOML,
+    TARGETS,
+    recorder::MESSAGES,
     REPORT,
     viz::RECORDING,
     "signals.csv",
@@ -57,7 +60,7 @@ const MADE_OF_IT: [&str; 7] = [
 pub const REPORT: &str = "report.html";
 /// The lines of the processes of a run that broke a guarantee.
 pub const LINES: &str = "stderr.txt";
-/// More than a summary takes, faults included; bytes.
+/// More than the numbers and faults of a run add to its summary; bytes.
 const SUMMARY_BYTES: usize = 128 * 1024;
 /// More than the faults of a run take in its scenario; bytes.
 const FAULTS_BYTES: usize = 32 * 1024;
@@ -101,7 +104,7 @@ pub struct Results {
     pub folder: PathBuf,
     made: bool,
     /// Room has been taken for this run's account.
-    has_reserve: Cell<bool>,
+    has_reserve: bool,
     /// Files with names of results that were there without a run.
     foreign: Vec<String>,
     /// Held on the folder: one run at a time writes into it.
@@ -117,11 +120,12 @@ impl Results {
         let remedies = &FOR_A_RUN;
         let (folder, lock, made) = match wanted {
             Some(folder) => {
-                let made = make_parents(folder)
-                    .and_then(|()| make(folder))
-                    .map_err(|error| remedies.unusable(folder, &error))?;
-                let lock = lock(folder).map_err(|error| remedies.unusable(folder, &error))?;
-                (folder.to_owned(), lock, made)
+                let unusable = |error: io::Error| remedies.unusable(folder, &error);
+                let above = folder.parent().map_or(Ok(()), std::fs::create_dir_all);
+                above.map_err(unusable)?;
+                let made = std::fs::create_dir(folder).is_ok();
+                files::make_folder(folder).map_err(unusable)?;
+                (folder.to_owned(), lock(folder).map_err(unusable)?, made)
             }
             None => next_free(name).map_err(|error| remedies.unusable(Path::new(RUNS), &error))?,
         };
@@ -175,7 +179,7 @@ impl Results {
         let mut results = Self {
             folder,
             made,
-            has_reserve: Cell::new(false),
+            has_reserve: false,
             foreign: Vec::new(),
             _lock: lock,
         };
@@ -218,16 +222,14 @@ impl Results {
     }
 
     /// Takes the room that the run's account will need: a recording that fills the disk shall not be the end of the summary too.
-    pub(crate) fn reserve(&self, job: &Job) -> Result<(), Failure> {
-        self.has_reserve.set(true);
-        let job_bytes = serde_json::to_vec_pretty(job).map_err(Failure::work)?.len();
-        let repeated = repeated(job, &Summary::default())?
-            .into_iter()
-            .map(|(name, text)| (name, text.len() + FAULTS_BYTES));
-        let own = [(SUMMARY, SUMMARY_BYTES), (JOB, job_bytes + FAULTS_BYTES)];
-        let own = own.map(|(name, bytes)| (name.to_owned(), bytes));
-        for (name, bytes) in own.into_iter().chain(repeated) {
-            runtime::reserve(&self.folder.join(name), bytes).map_err(|error| {
+    pub(crate) fn reserve(&mut self, job: &Job) -> Result<(), Failure> {
+        self.has_reserve = true;
+        for (name, text) in account(job, &Summary::default())? {
+            let more = match name.as_str() {
+                SUMMARY => SUMMARY_BYTES,
+                _ => FAULTS_BYTES,
+            };
+            runtime::reserve(&self.folder.join(name), text.len() + more).map_err(|error| {
                 release(&self.folder);
                 FOR_A_RUN.unusable(&self.folder, &error)
             })?;
@@ -248,9 +250,9 @@ impl Results {
     /// # Errors
     /// As there; and [`Failure::Input`] for somebody's own file that this run would write over.
     pub(crate) fn remove_old(&self, job: &Job) -> Result<(), Failure> {
-        let again = repeated(job, &Summary::default())?;
-        let mut kept: Vec<_> = again.iter().map(|(name, _)| name.as_str()).collect();
-        kept.push(JOB);
+        let again = account(job, &Summary::default())?;
+        let again = again.iter().map(|(name, _)| name.as_str());
+        let kept: Vec<_> = again.filter(|name| *name != SUMMARY).collect();
         let record = [recorder::MESSAGES, viz::RECORDING].into_iter();
         let mut written = kept.iter().copied().chain(record.filter(|_| job.record));
         if let Some(own) = written.find(|name| self.foreign.iter().any(|own| own == name)) {
@@ -300,36 +302,19 @@ impl Results {
 
     /// Writes the files that make the run repeatable and readable: summary, job, and the scenario
     /// with every fault that occurred.
+    ///
+    /// # Errors
+    /// [`Failure::Work`] if a file cannot be written.
     pub(crate) fn keep(&self, job: &Job, summary: &Summary) -> Result<(), Failure> {
-        keep(&self.folder, job, summary)
+        let mut files = account(job, summary)?.into_iter();
+        let written = files.try_for_each(|(name, text)| {
+            let path = self.folder.join(name);
+            // Whole or not at all: a full disk leaves no half file.
+            runtime::write_reserved(&path, &text).map_err(Failure::cannot("write", &path))
+        });
+        release(&self.folder);
+        written
     }
-}
-
-/// Writes the files that make a run repeatable and readable into its folder.
-///
-/// # Errors
-/// [`Failure::Work`] if a file cannot be written.
-pub fn keep(folder: &Path, job: &Job, summary: &Summary) -> Result<(), Failure> {
-    let cannot = |name: &str, error: std::io::Error| {
-        Failure::Work(format!(
-            "cannot write {}: {error}",
-            folder.join(name).display()
-        ))
-    };
-    let repeated = repeated(job, summary)?;
-    let summary = serde_json::to_vec_pretty(summary).map_err(Failure::work)?;
-    let job_text = serde_json::to_vec_pretty(job).map_err(Failure::work)?;
-    // The summary last: a folder that has one is whole, and `recover` leaves it.
-    let files = [(JOB.to_owned(), job_text)].into_iter().chain(repeated);
-    for (name, text) in files.chain([(SUMMARY.to_owned(), summary)]) {
-        // Whole or not at all: a full disk leaves no half file.
-        runtime::write_reserved(&folder.join(&name), &text).map_err(|error| {
-            release(folder);
-            cannot(&name, error)
-        })?;
-    }
-    release(folder);
-    Ok(())
 }
 
 /// Whether a folder holds a run, ended or not.
@@ -348,10 +333,8 @@ fn is_result(name: &str) -> bool {
         .iter()
         .find_map(|end| name.strip_suffix(end))
         .unwrap_or(name);
-    KEPT.contains(&whole)
-        || MADE_OF_IT.contains(&whole)
+    FILES.contains(&whole)
         || whole.starts_with(TABLE) && whole.ends_with(".csv")
-        || whole == recorder::MESSAGES
         || whole
             .strip_suffix(".rbl")
             .is_some_and(|layout| Layout::ALL.iter().any(|one| one.name() == layout))
@@ -363,18 +346,6 @@ fn release(folder: &Path) {
         if let Some(whole) = name.strip_suffix(".reserved") {
             runtime::release_reserve(&folder.join(whole));
         }
-    }
-}
-
-fn make_parents(folder: &Path) -> io::Result<()> {
-    folder.parent().map_or(Ok(()), std::fs::create_dir_all)
-}
-
-/// Makes the folder; whether it was not there before.
-fn make(folder: &Path) -> io::Result<bool> {
-    match std::fs::create_dir(folder) {
-        Ok(()) => Ok(true),
-        Err(_) => files::make_folder(folder).map(|()| false),
     }
 }
 
@@ -401,23 +372,23 @@ fn lock(folder: &Path) -> io::Result<Option<OwnedFd>> {
 /// The next `runs/NAME-NNN` that does not exist yet.
 fn next_free(name: &str) -> io::Result<(PathBuf, Option<OwnedFd>, bool)> {
     std::fs::create_dir_all(RUNS)?;
-    for n in 1.. {
+    let mut n = 0;
+    loop {
+        n += 1;
         let folder = Path::new(RUNS).join(format!("{name}-{n:03}"));
         match std::fs::create_dir(&folder) {
-            Ok(()) => {}
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => continue,
-            Err(error) => return Err(error),
+            made => made?,
         }
         if let Some(lock) = lock(&folder)? {
             return Ok((folder, Some(lock), true));
         }
     }
-    Err(io::Error::other("every number is taken"))
 }
 
 impl Drop for Results {
     fn drop(&mut self) {
-        if self.has_reserve.get() {
+        if self.has_reserve {
             release(&self.folder);
             let _ = std::fs::remove_file(self.folder.join(GIVEN_TARGETS));
         }
@@ -440,6 +411,17 @@ fn description(robot: &RobotText) -> Result<String, Failure> {
     Ok(table.to_string())
 }
 
+/// The files that make a run repeatable and readable: its job, those that repeat it, and its summary.
+fn account(job: &Job, summary: &Summary) -> Result<Vec<(String, Vec<u8>)>, Failure> {
+    let job_text = serde_json::to_vec_pretty(job).map_err(Failure::work)?;
+    let mut files = vec![(JOB.to_owned(), job_text)];
+    files.extend(repeated(job, summary)?);
+    let summary = serde_json::to_vec_pretty(summary).map_err(Failure::work)?;
+    // The last one: a folder that has it is whole, and `recover` leaves it.
+    files.push((SUMMARY.to_owned(), summary));
+    Ok(files)
+}
+
 /// The files of the scenario that repeats the run, with robot and graph beside it if they are not
 /// built in.
 fn repeated(job: &Job, summary: &Summary) -> Result<Vec<(String, Vec<u8>)>, Failure> {
@@ -453,10 +435,7 @@ fn repeated(job: &Job, summary: &Summary) -> Result<Vec<(String, Vec<u8>)>, Fail
         fault,
         ..job.scenario.clone()
     };
-    let is_file = [load::URDF, load::MJCF]
-        .iter()
-        .any(|ending| scenario.robot.ends_with(ending));
-    if is_file {
+    if load::is_arm_file(&scenario.robot) {
         ROBOT_URDF.clone_into(&mut scenario.robot);
         files.push((ROBOT_URDF.to_owned(), job.robot.urdf.clone().into_bytes()));
         let text = description(&job.robot)?;

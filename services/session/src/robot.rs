@@ -9,7 +9,7 @@ use shared_types::scenario::Scenario;
 use crate::failure::Failure;
 use crate::load::Loaded;
 use crate::mujoco;
-use crate::progress::{Observer, Progress};
+use crate::progress::{Observer, say};
 use crate::results::ROBOT_URDF;
 
 /// Default pace for a plant: a robot has its own clock.
@@ -54,10 +54,20 @@ pub(crate) fn put_in(loaded: &mut Loaded, plant: &str) -> Result<(), Failure> {
 /// # Errors
 /// [`Failure::Input`] as [`run`](crate::run) with such a plant, and where that is a robot.
 pub fn simulated(plant: &str, robot: &Robot, scenario: &Scenario) -> Result<Graph, Failure> {
+    with_plant(Graph::of(scenario)?, plant, robot, scenario)
+}
+
+/// A graph with `plant` in it; see [`simulated`].
+pub(crate) fn with_plant(
+    graph: Graph,
+    plant: &str,
+    robot: &Robot,
+    scenario: &Scenario,
+) -> Result<Graph, Failure> {
     let mut loaded = Loaded {
         scenario: scenario.clone(),
         robot: robot.clone(),
-        graph: Graph::of(scenario)?,
+        graph,
     };
     put_in(&mut loaded, plant)?;
     check_mode(&loaded.graph, Mode::Lockstep)?;
@@ -67,16 +77,12 @@ pub fn simulated(plant: &str, robot: &Robot, scenario: &Scenario) -> Result<Grap
 /// # Errors
 /// [`Failure::Input`] if a robot of the graph is to run in lockstep.
 pub(crate) fn check_mode(graph: &Graph, mode: Mode) -> Result<(), Failure> {
-    match graph
-        .process
-        .iter()
-        .find(|process| !process.robot.is_empty() && mode == Mode::Lockstep)
-    {
-        Some(process) => Err(Failure::Input(format!(
-            "the robot at {} runs in real time, not in lockstep: use `armplane run --mode realtime`",
-            process.robot
+    let mut robots = graph.process.iter().map(|process| &process.robot);
+    match robots.find(|robot| !robot.is_empty()) {
+        Some(robot) if mode == Mode::Lockstep => Err(Failure::Input(format!(
+            "the robot at {robot} runs in real time, not in lockstep: use `armplane run --mode realtime`"
         ))),
-        None => Ok(()),
+        _ => Ok(()),
     }
 }
 
@@ -123,10 +129,13 @@ pub(crate) fn settle(
             ROBOT_URDF.clone_into(&mut loaded.scenario.robot);
             loaded.scenario.frame.clear();
         }
-        None => observer(Progress::Line(&format!(
-            "armplane: the robot at {address} gives no URDF (interface version 5), so the scenario's {} is used",
-            loaded.robot.name
-        ))),
+        None => say(
+            observer,
+            format_args!(
+                "the robot at {address} gives no URDF (interface version 5), so the scenario's {} is used",
+                loaded.robot.name
+            ),
+        ),
     }
     loaded
         .robot

@@ -30,10 +30,7 @@ impl Run {
         let folder = match wanted {
             None => latest()?,
             Some(path) if path.is_dir() => path.to_owned(),
-            Some(path) if path.is_file() => match path.parent() {
-                Some(folder) if !folder.as_os_str().is_empty() => folder.to_owned(),
-                _ => PathBuf::from("."),
-            },
+            Some(path) if path.is_file() => files::folder_of(path).to_owned(),
             Some(path) if Path::new(RUNS).join(path).is_dir() => Path::new(RUNS).join(path),
             Some(path) => {
                 return Err(Failure::Input(format!(
@@ -53,6 +50,11 @@ impl Run {
             )));
         }
         Ok(run)
+    }
+
+    /// The refusal of something that is asked for with it.
+    pub(crate) fn refuse(&self, why: impl Display) -> Failure {
+        Failure::Input(format!("{}: {why}", self.folder.display()))
     }
 
     /// Whether a tick of the record can be read.

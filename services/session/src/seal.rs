@@ -36,7 +36,8 @@ pub(crate) fn open(file: &str, text: String, folder: &Path) -> Result<String, Fa
     };
     let (first, scenario) = text.split_once('\n').unwrap_or((&text, ""));
     let Some(sums) = first.strip_prefix(MARK) else {
-        return match is_damaged(first) {
+        // A line that was a seal: TOML would take it for a comment.
+        return match first.contains("delete this line before an edit") {
             true => Err(changed(file)),
             false => Ok(text),
         };
@@ -60,11 +61,6 @@ pub(crate) fn open(file: &str, text: String, folder: &Path) -> Result<String, Fa
 /// Whether the text of a scenario is sealed.
 pub(crate) fn is_sealed(text: &str) -> bool {
     text.starts_with(MARK)
-}
-
-/// Whether a first line was a seal, which TOML would take for a comment.
-fn is_damaged(line: &str) -> bool {
-    line.contains("delete this line before an edit")
 }
 
 #[cfg(test)]

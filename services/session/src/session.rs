@@ -2,16 +2,16 @@
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use launcher::{End, Interrupts, Outcome};
+use launcher::{End, Interrupts, Plan};
 use model::Robot;
 use recorder::Judge;
 use runtime::RunDir;
 use shared_types::job::{Job, Mode};
 use shared_types::process::{Process, Role};
 use shared_types::scenario::Scenario;
-use shared_types::summary::{REACHED, Summary};
+use shared_types::summary::{FaultSummary, REACHED, Summary};
 
 use crate::drawing::draw_results;
 use crate::failure::Failure;
@@ -19,11 +19,11 @@ use crate::launch::{Begin, interrupts, launch};
 use crate::load::{self, Loaded};
 use crate::origin::{self, Origin, Place, begin_at};
 use crate::plan::plan;
-use crate::progress::{Observer, Progress};
+use crate::progress::{Observer, say};
 use crate::results::Results;
 use crate::robot;
 use crate::ros2;
-use crate::summary::summarise;
+use crate::summary::{add_deaths, add_earlier, summarise};
 use crate::units;
 use crate::viewer::Live;
 
@@ -85,11 +85,12 @@ pub fn run(request: &Request, observer: Observer<'_>) -> Result<Finished, Failur
         return run_from(request, loaded, Some(&origin), &mut begin, observer);
     }
     if let Some(branch) = origin::branch_of(&request.scenario) {
-        observer(Progress::Line(&format!(
-            "armplane: {} is of a branch, and this run has its settings from tick 0 on: `{}` repeats the branch",
+        let sentence = format!(
+            "{} is of a branch, and this run has its settings from tick 0 on: `{}` repeats the branch",
             request.scenario,
             origin::command(&branch)
-        )));
+        );
+        say(observer, sentence);
     }
     let graph = request.graph.as_deref();
     let loaded = load::scenario_in(graph, &request.scenario, &request.settings, request.seed)?;
@@ -116,15 +117,14 @@ fn run_from(
     begin: Begin<'_>,
     observer: Observer<'_>,
 ) -> Result<Finished, Failure> {
-    let say = |sentence: &str| observer(Progress::Line(&format!("armplane: {sentence}")));
     let Loaded {
         scenario,
         robot,
         graph,
-    } = settle(request, loaded, &say, observer)?;
+    } = settle(request, loaded, observer)?;
     // Before the first file is made; until then a signal ends the program at once.
     let signals = interrupts()?;
-    let results = Results::create(request.out.as_deref(), &scenario.name)?;
+    let mut results = Results::create(request.out.as_deref(), &scenario.name)?;
     let folder = results.folder.clone();
     origin.map_or(Ok(()), |origin| origin.spare(&folder))?;
     let job = Job {
@@ -138,42 +138,25 @@ fn run_from(
     plan.limits = plan.limits.with_silence(request.silence_limit);
     if let Some(origin) = origin {
         plan.begin = origin.hand_over(&job)?;
-        let run = &origin.branch.run;
-        say(&format!("goes on from tick {} of {run}", plan.begin.tick));
+        let (from, run) = (plan.begin.tick, &origin.branch.run);
+        say(observer, format_args!("goes on from tick {from} of {run}"));
     }
-    let mut live = request.live.then(Live::start).transpose()?;
-    let earlier = origin.map(Origin::earlier);
-    let mut begin = |run: &RunDir| {
-        live.as_mut()
-            .map_or(Ok(()), |live| live.follow(run.path()))?;
-        begin(run)
-    };
-    let launched = launch(&job, plan, &mut begin, observer)?;
-    let finish_live = || {
-        for sentence in live.into_iter().flat_map(|live| live.finish(&folder)) {
-            say(&sentence);
-        }
-    };
-    let complete = |summary: &mut Summary| {
-        add_unread(summary, request.unread);
-        earlier.iter().for_each(|earlier| earlier.complete(summary));
-    };
-    Ok(conclude(
-        &job,
-        &results,
-        launched,
-        complete,
+    let prepared = Prepared {
+        job,
+        results,
+        plan,
+        earlier: origin.map_or_else(Vec::new, |origin| origin.faults.clone()),
+        live: request.live.then(Live::start).transpose()?,
+        unread: request.unread,
         signals,
-        finish_live,
-        observer,
-    ))
+    };
+    prepared.run(begin, observer)
 }
 
 /// The scenario with the plant and the doors asked for, whose first tick the law has tried.
 fn settle(
     request: &Request,
     mut loaded: Loaded,
-    say: &dyn Fn(&str),
     observer: Observer<'_>,
 ) -> Result<Loaded, Failure> {
     if let Some(plant) = &request.plant {
@@ -198,7 +181,9 @@ fn settle(
     let warning = warning
         .map_err(|error| Failure::Input(named(error.to_string() + &advice(robot, scenario))))?;
     let warnings = warning.into_iter().chain(units::doubt(scenario));
-    warnings.map(named).for_each(|warning| say(&warning));
+    warnings
+        .map(named)
+        .for_each(|warning| say(observer, warning));
     Ok(loaded)
 }
 
@@ -218,36 +203,59 @@ fn advice(robot: &Robot, scenario: &Scenario) -> String {
     control::advice(robot, scenario, &mut succeeds).unwrap_or_default()
 }
 
-/// Adds the lines that nobody has read; see [`Request`].
-pub(crate) fn add_unread(summary: &mut Summary, unread: fn() -> BTreeMap<String, u64>) {
-    let unread = unread();
-    for process in &mut summary.processes {
-        process.lines_dropped += unread.get(&process.name).copied().unwrap_or_default();
-    }
+/// A run whose folder is taken and holds all that comes before its first tick.
+pub(crate) struct Prepared {
+    pub(crate) job: Job,
+    pub(crate) results: Results,
+    pub(crate) plan: Plan,
+    /// The account of the faults before its first tick.
+    pub(crate) earlier: Vec<FaultSummary>,
+    pub(crate) live: Option<Live>,
+    /// See [`Request`].
+    pub(crate) unread: fn() -> BTreeMap<String, u64>,
+    pub(crate) signals: Interrupts,
 }
 
-/// Summarises a run that is over, keeps its results and draws it. `complete` adds to the summary before it is kept.
-pub(crate) fn conclude(
-    job: &Job,
-    results: &Results,
-    (outcome, account): (Outcome, Option<Summary>),
-    complete: impl FnOnce(&mut Summary),
-    mut signals: Interrupts,
-    before_drawing: impl FnOnce(),
-    observer: Observer<'_>,
-) -> Finished {
-    let mut summary = summarise(job, &outcome, account);
-    complete(&mut summary);
-    let saved = results.keep(job, &summary).and_then(|()| whole(&summary));
-    before_drawing();
-    while signals.pending().is_some() {}
-    let drawn = draw_results(job, &summary, observer, &mut signals);
-    Finished {
-        summary,
-        folder: results.folder.clone(),
-        end: outcome.end,
-        saved: saved.and(drawn),
-        signals,
+impl Prepared {
+    /// Launches it, summarises it when it is over, keeps its results and draws it; `begin` sees it before its first process starts.
+    ///
+    /// # Errors
+    /// [`Failure::Work`] if the processes cannot be started or watched, and whatever `begin` returns.
+    pub(crate) fn run(
+        mut self,
+        begin: Begin<'_>,
+        observer: Observer<'_>,
+    ) -> Result<Finished, Failure> {
+        let (from, began) = (self.plan.begin.tick, Instant::now());
+        let mut begin = |run: &RunDir| {
+            let live = self.live.as_mut();
+            live.map_or(Ok(()), |live| live.follow(run.path()))?;
+            begin(run)
+        };
+        let (outcome, account) = launch(&self.job, self.plan, &mut begin, observer)?;
+        let mut summary = summarise(&self.job, &outcome, account);
+        let unread = (self.unread)();
+        for process in &mut summary.processes {
+            process.lines_dropped += unread.get(&process.name).copied().unwrap_or_default();
+        }
+        add_deaths(&mut summary, &self.job.deaths);
+        if from > 0 {
+            add_earlier(&mut summary, from, &self.earlier, began.elapsed());
+        }
+        let saved = self.results.keep(&self.job, &summary);
+        let folder = self.results.folder.clone();
+        for sentence in self.live.into_iter().flat_map(|live| live.finish(&folder)) {
+            say(observer, sentence);
+        }
+        while self.signals.pending().is_some() {}
+        let drawn = draw_results(&self.job, &summary, observer, &mut self.signals);
+        Ok(Finished {
+            saved: saved.and_then(|()| whole(&summary)).and(drawn),
+            summary,
+            folder,
+            end: outcome.end,
+            signals: self.signals,
+        })
     }
 }
 

@@ -1,11 +1,11 @@
 //! The scenario of a steered run: an arm or a scenario, and the source of its targets.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use model::Robot;
 use shared_types::process::{Process, Program};
 use shared_types::scenario::{self, Start};
-use shared_types::target_file::{self, InvalidRow};
+use shared_types::target_file;
 use sim::scenarios;
 
 use crate::failure::Failure;
@@ -82,7 +82,7 @@ impl Steering {
                     "{subject} is not steered: it has no [servo]; give targets with --from FILE, or --random SEED"
                 )));
             }
-            Targets::File(file) => Some(text(file, scenario.rate_hz)?),
+            Targets::File(file) => Some(load::targets(file, scenario.rate_hz)?),
             Targets::Text(text) => Some(text.clone()),
             Targets::Live | Targets::Process => Some(String::new()),
         };
@@ -110,17 +110,15 @@ impl Steering {
             ));
         }
         if let (Targets::File(file), Some(session)) = (&self.targets, &scenario.servo) {
-            let name = file.display().to_string();
-            let located = |error: InvalidRow| error.in_file(&name, &session.targets).into();
-            let located = |error| Failure::File(located(error));
-            target_file::check(&session.targets, scenario.rate_hz, robot.dof()).map_err(located)?;
+            target_file::check(&session.targets, scenario.rate_hz, robot.dof())
+                .map_err(|error| load::in_file(error, file, &session.targets))?;
         }
         Ok(loaded)
     }
 
     /// A scenario for a robot.
     fn source(&self) -> Result<Source, Failure> {
-        let robot = load::robot(&self.subject, None, None, None)?;
+        let robot = load::robot(&self.subject, None, None)?;
         let start = match &self.start {
             Some(text) if text.starts_with(|c: char| c.is_ascii_digit() || "-+.".contains(c)) => {
                 let number = |part: &str| {
@@ -154,7 +152,7 @@ impl Steering {
         Ok(Source {
             file: format!("servo {}", self.subject),
             text: table.to_string(),
-            folder: None,
+            folder: PathBuf::new(),
         })
     }
 }
@@ -172,12 +170,4 @@ fn default_start(robot: &Robot) -> Result<String, Failure> {
                 robot.name
             ))
         })
-}
-
-/// The text of a file of targets.
-fn text(file: &Path, rate_hz: u32) -> Result<String, Failure> {
-    let text = load::read_targets(file)?;
-    target_file::parse(&text, rate_hz)
-        .map_err(|error| Failure::File(error.in_file(&file.display().to_string(), &text).into()))?;
-    Ok(text)
 }

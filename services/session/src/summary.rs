@@ -2,6 +2,7 @@
 //! and deaths.
 
 use std::collections::BTreeMap;
+use std::time::Duration;
 
 use launcher::{Death, End, Exit, Failure, Outcome, ProcessOutcome};
 use runtime::{Counts, FaultRecord, Origin};
@@ -10,7 +11,7 @@ use shared_types::job::{Job, Mode};
 use shared_types::process::Role;
 use shared_types::scenario::Scenario;
 use shared_types::summary::{
-    Deadlines, FAILED, FaultSummary, INTERRUPTED, ProcessSummary, RecorderSummary, Summary,
+    Deadlines, FAILED, FaultSummary, INTERRUPTED, Pace, ProcessSummary, RecorderSummary, Summary,
 };
 use shared_types::{Message, SensorSample, TorqueCommand};
 
@@ -48,9 +49,14 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
         servo.after_end = session.after_end(job.scenario.rate_hz) as u64;
     }
     summary.machine = machine();
+    let last_line = |fault: &ScheduledFault| {
+        let of = (fault.process as usize, fault.at);
+        let mut lines = outcome.last_lines.iter();
+        let line = lines.find(|(process, at, _)| (*process, *at) == of);
+        line.map(|(.., line)| line.as_str())
+    };
     let faults = outcome.faults.iter();
-    let faults =
-        faults.map(|account| with_last_line(fault_summary(job, account), account, outcome));
+    let faults = faults.map(|account| fault_summary(job, account, last_line(&account.scheduled)));
     let deaths = outcome.deaths.iter().map(death);
     summary.faults = faults.chain(deaths).chain(unlisted(outcome)).collect();
     if matches!(outcome.end, End::Completed) {
@@ -77,6 +83,37 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
         })
         .collect();
     summary
+}
+
+/// Adds deaths of which only the run's job tells.
+pub(crate) fn add_deaths(summary: &mut Summary, deaths: &[FaultSummary]) {
+    for process in &mut summary.processes {
+        let own = deaths.iter().filter(|death| death.process == process.name);
+        process.restarts += own.count() as u32;
+    }
+    summary.faults.extend_from_slice(deaths);
+}
+
+/// Completes the summary of a run that went on from a tick: the account of the faults before it, and the pace of the ticks since, made in so long.
+pub(crate) fn add_earlier(
+    summary: &mut Summary,
+    from: u64,
+    faults: &[FaultSummary],
+    wall: Duration,
+) {
+    for fault in summary.faults.iter_mut().filter(|fault| fault.tick < from) {
+        let known = |earlier: &&FaultSummary| {
+            earlier.plan.is_some() && (earlier.tick, &earlier.plan) == (fault.tick, &fault.plan)
+        };
+        if let Some(earlier) = faults.iter().find(known) {
+            fault.clone_from(earlier);
+        }
+    }
+    let wall_s = wall.as_secs_f64();
+    summary.pace = Pace {
+        wall_s,
+        ticks_per_s: summary.ticks.saturating_sub(from) as f64 / wall_s,
+    };
 }
 
 /// Planned pushes and faults to which a run that has ended did not come, in words; empty: none.
@@ -119,24 +156,13 @@ fn without_account(job: &Job, outcome: &Outcome) -> Summary {
     }
 }
 
-/// The end of a process with the last line that it printed.
-fn with_last_line(
-    mut fault: FaultSummary,
+/// A fault and its outcome. `last_line`: of the process, where the fault is its end.
+pub(crate) fn fault_summary(
+    job: &Job,
     account: &FaultRecord,
-    outcome: &Outcome,
+    last_line: Option<&str>,
 ) -> FaultSummary {
-    let of = (account.scheduled.process as usize, account.scheduled.at);
-    let mut lines = outcome.last_lines.iter();
-    let line = lines.find(|(process, at, _)| account.exit.is_some() && (*process, *at) == of);
-    if let Some((.., line)) = line {
-        let line = line.trim_start_matches("armplane: ");
-        fault.detail += &format!("; its last line: {line}");
-    }
-    fault
-}
-
-/// A fault and its outcome.
-pub(crate) fn fault_summary(job: &Job, account: &FaultRecord) -> FaultSummary {
+    let tick = account.scheduled.at;
     let process = job
         .graph
         .process
@@ -151,28 +177,24 @@ pub(crate) fn fault_summary(job: &Job, account: &FaultRecord) -> FaultSummary {
         (account.injected_ns != 0 && ns != 0)
             .then(|| ns.saturating_sub(account.injected_ns) as f64 * 1e-6)
     };
+    let recovered_ms = since_ms(account.recovered_ns);
     let (kind, detail) = match (account.exit, &fault) {
-        (Some(exit), _) => (
-            kind_of(exit),
-            ended(
-                &process,
-                exit,
-                &account.scheduled,
-                since_ms(account.recovered_ns)
-                    .map(|after_ms| format!("answered {after_ms:.0} ms later")),
-            ),
-        ),
+        (Some(exit), _) => {
+            let after = recovered_ms.map(|ms| format!("its replacement answered {ms:.0} ms later"));
+            let detail = ended(&process, exit, tick, after, last_line);
+            (kind_of(exit), detail)
+        }
         (None, Some(fault)) => (fault.kind.name(), fault.to_string()),
         (None, None) => ("", String::new()),
     };
     FaultSummary {
-        tick: account.scheduled.at,
+        tick,
         kind: kind.to_owned(),
         detail,
         origin: account.origin.name().to_owned(),
         occurred: account.injected_ns != 0,
         detected_ms: since_ms(account.detected_ns),
-        recovered_ms: since_ms(account.recovered_ns),
+        recovered_ms,
         plan: fault,
         process,
     }
@@ -187,16 +209,11 @@ pub(crate) fn death(death: &Death) -> FaultSummary {
         last_line,
         again,
     } = death;
-    let mut detail = format!("{process} ended with {exit} at tick {tick}");
-    if let Some((from, lost)) = again {
+    let after = again.map(|(from, lost)| {
         let lost_s = lost.as_secs_f64();
-        detail +=
-            &format!("; all processes started again from tick {from}, {lost_s:.1} s were lost");
-    }
-    if let Some(line) = last_line {
-        let line = line.trim_start_matches("armplane: ");
-        detail += &format!("; its last line: {line}");
-    }
+        format!("all processes started again from tick {from}, {lost_s:.1} s were lost")
+    });
+    let detail = ended(process, *exit, *tick, after, last_line.as_deref());
     FaultSummary {
         recovered_ms: again.map(|(_, lost)| lost.as_secs_f64() * 1e3),
         ..detected(process, *tick, kind_of(*exit), detail)
@@ -212,18 +229,19 @@ fn kind_of(exit: Exit) -> &'static str {
     }
 }
 
-/// `estimator ended with exit code 3 at tick 1200; its replacement answered 63 ms later`.
+/// `estimator ended with exit code 3 at tick 1200; its replacement answered 63 ms later; its last line: no memory`.
 fn ended(
     process: &str,
     exit: Exit,
-    scheduled: &ScheduledFault,
-    replacement: Option<String>,
+    tick: u64,
+    after: Option<String>,
+    last_line: Option<&str>,
 ) -> String {
-    let until = replacement.map_or_else(String::new, |when| format!("; its replacement {when}"));
-    format!(
-        "{process} ended with {exit} at tick {}{until}",
-        scheduled.at
-    )
+    let line = last_line.map(|line| line.trim_start_matches("armplane: "));
+    let line = line.map(|line| format!("its last line: {line}"));
+    let end = format!("{process} ended with {exit} at tick {tick}");
+    let parts = [Some(end), after, line];
+    parts.into_iter().flatten().collect::<Vec<_>>().join("; ")
 }
 
 /// The plant's account of a run's ticks, by what each process has on the control page, in the order of the graph; none in lockstep, which has no deadlines.
@@ -271,43 +289,31 @@ pub fn deadlines(job: &Job, ticks: u64, counts: &[Counts]) -> Option<Deadlines> 
 /// What has failed and stands in no fault table: a process that was killed when the run had its last tick, or together with the one whose death ended
 /// the run, or that did not do as it was asked. So no summary has a signal and no fault.
 fn unlisted(outcome: &Outcome) -> Vec<FaultSummary> {
-    let failure = match &outcome.end {
-        End::Failed(failure) => Some(failure),
-        _ => None,
-    };
-    let is_missing = |(index, process): &(usize, &ProcessOutcome)| {
-        let ends = process.restarts as usize + usize::from(!process.exit.is_success());
+    let end = |(index, process): (usize, &ProcessOutcome)| {
+        let ProcessOutcome { name, exit, .. } = process;
+        let own = match &outcome.end {
+            End::Failed(failure) if failure.process() == name => Some(failure),
+            _ => None,
+        };
+        let ends = process.restarts as usize + usize::from(!exit.is_success());
         let is_end = |record: &&FaultRecord| {
             let fault = &record.scheduled;
-            fault.process as usize == *index && fault.ends_process() && record.injected_ns != 0
+            fault.process as usize == index && fault.ends_process() && record.injected_ns != 0
         };
-        let is_failure = failure.is_some_and(|failure| {
-            failure.process() == process.name && !matches!(failure, Failure::Died { .. })
-        });
-        let deaths = outcome
-            .deaths
-            .iter()
-            .filter(|death| death.process == process.name);
-        is_failure || ends > outcome.faults.iter().filter(is_end).count() + deaths.count()
-    };
-    let end = |(_, process): (usize, &ProcessOutcome)| {
-        let ProcessOutcome { name, exit, .. } = process;
-        let own = failure.filter(|failure| failure.process() == name);
+        let deaths = outcome.deaths.iter().filter(|death| death.process == *name);
+        let is_listed = ends <= outcome.faults.iter().filter(is_end).count() + deaths.count();
         let (tick, kind) = match own {
-            Some(Failure::Died { tick, exit, .. }) => (*tick, kind_of(*exit)),
+            Some(Failure::Died { tick, exit, .. }) if !is_listed => (*tick, kind_of(*exit)),
+            None if !is_listed => (outcome.ticks, kind_of(*exit)),
+            Some(Failure::Died { .. }) | None => return None,
             Some(_) => (outcome.ticks, "exit"),
-            None => (outcome.ticks, kind_of(*exit)),
         };
         let ended = || format!("{name} ended with {exit} at the end of the run");
-        detected(
-            name,
-            tick,
-            kind,
-            own.map_or_else(ended, ToString::to_string),
-        )
+        let detail = own.map_or_else(ended, ToString::to_string);
+        Some(detected(name, tick, kind, detail))
     };
     let processes = outcome.processes.iter().enumerate();
-    processes.filter(is_missing).map(end).collect()
+    processes.filter_map(end).collect()
 }
 
 /// A fault that stands in no fault table.

@@ -48,17 +48,15 @@ impl Fitted {
 
     /// The lines of a table without rules, which fit so many columns of a terminal, and the headings of those for which there is no room.
     pub fn lines(&self, width: usize, is_coloured: bool) -> (Vec<String>, Vec<String>) {
-        let width = u16::try_from(width).unwrap_or(u16::MAX);
-        let needs = self.needs(width);
-        let mut bands = self.bands(width, &needs).into_iter();
-        let first = bands.next().unwrap_or_default();
-        let mut table = self.part(&first, width, &needs);
+        let mut parts = self.parts(u16::try_from(width).unwrap_or(u16::MAX));
+        let (first, mut table) = parts.next().unwrap_or_default();
         if is_coloured {
             table.enforce_styling();
         } else {
             table.force_no_tty();
         }
-        let rest = bands.flatten().filter(|column| !first.contains(column));
+        let rest = parts.flat_map(|(columns, _)| columns);
+        let rest = rest.filter(|column| !first.contains(column));
         let rest = rest.map(|column| self.headings[column].content());
         let lines = table.lines().filter(|line| !line.starts_with('─'));
         (lines.collect(), rest.collect())
@@ -113,6 +111,16 @@ impl Fitted {
         bands
     }
 
+    /// The parts that fit so many columns of a terminal, and the columns of each.
+    fn parts(&self, width: u16) -> impl Iterator<Item = (Vec<usize>, Table)> {
+        let needs = self.needs(width);
+        let bands = self.bands(width, &needs).into_iter();
+        bands.map(move |band| {
+            let part = self.part(&band, width, &needs);
+            (band, part)
+        })
+    }
+
     fn part(&self, columns: &[usize], width: u16, needs: &[u16]) -> Table {
         let of = |row: &Vec<Cell>| columns.iter().map(|i| row[*i].clone()).collect::<Vec<_>>();
         let mut table = Table::new();
@@ -140,11 +148,7 @@ impl Fitted {
 impl fmt::Display for Fitted {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let width = Table::new().width().unwrap_or(WIDTH);
-        let needs = self.needs(width);
-        let parts = self.bands(width, &needs).into_iter();
-        let parts: Vec<_> = parts
-            .map(|band| self.part(&band, width, &needs).trim_fmt())
-            .collect();
+        let parts: Vec<_> = self.parts(width).map(|(_, part)| part.trim_fmt()).collect();
         f.write_str(&parts.join("\n"))
     }
 }

@@ -14,38 +14,17 @@ const WIDTH: usize = 80;
 
 use crate::table::{count, number, size, table};
 
-/// The errors, singularities, limits, times and faults of a run, and its folder; [`Verdict`] follows.
-#[derive(Debug)]
-pub struct RunText<'a> {
-    /// Of the run.
-    pub summary: &'a Summary,
-    /// With its results.
-    pub folder: &'a Path,
-    /// Also what few people look for: switches, latency.
-    pub is_long: bool,
-}
-
 /// The outcome of a run and its cause, and further causes in a line each.
-#[derive(Debug)]
-pub struct Verdict<'a>(pub &'a Summary);
-
-impl fmt::Display for Verdict<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (scenario, outcome) = (&self.0.of.scenario, &self.0.outcome);
-        let mut causes = self.0.reason.split("; ");
-        let cause = causes.next().unwrap_or_default();
-        write!(f, "{scenario}: {outcome} — {cause}")?;
-        causes.try_for_each(|cause| write!(f, "\n  also     {cause}"))
-    }
+pub fn verdict(summary: &Summary) -> String {
+    let (scenario, outcome) = (&summary.of.scenario, &summary.outcome);
+    let causes = summary.reason.replace("; ", "\n  also     ");
+    format!("{scenario}: {outcome} — {causes}")
 }
 
-impl fmt::Display for RunText<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self {
-            summary,
-            folder,
-            is_long,
-        } = *self;
+/// The errors, singularities, limits, times and faults of a run, and its folder; [`verdict`] follows. `is_long`: also what few people look for, switches
+/// and latency.
+pub fn run_text(summary: &Summary, folder: &Path, is_long: bool) -> impl fmt::Display {
+    fmt::from_fn(move |f| {
         if let Some(from) = &summary.of.from {
             writeln!(f, "from       {from}")?;
         }
@@ -72,7 +51,7 @@ impl fmt::Display for RunText<'_> {
             )?;
         }
         files(f, summary, folder)
-    }
+    })
 }
 
 fn errors(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
@@ -237,16 +216,10 @@ fn steered(f: &mut fmt::Formatter<'_>, servo: &ServoSummary) -> fmt::Result {
             if i == 0 { "session    " } else { "           " }
         )?;
     }
-    let counts = servo
-        .refused
-        .iter()
-        .map(|(reason, count)| ("refused", count, reason));
-    let stops = servo
-        .stops
-        .iter()
-        .map(|(reason, count)| ("stopped", count, reason));
-    for (event, count, reason) in counts.chain(stops) {
-        writeln!(f, "{event}    {count} × {reason}")?;
+    for (event, counts) in [("refused", &servo.refused), ("stopped", &servo.stops)] {
+        for (reason, count) in counts {
+            writeln!(f, "{event}    {count} × {reason}")?;
+        }
     }
     if servo.after_end > 0 {
         writeln!(

@@ -3,9 +3,8 @@
 use std::ffi::OsStr;
 use std::io::{ErrorKind, Read};
 use std::net::{Ipv4Addr, SocketAddr, TcpStream};
-use std::os::unix::process::CommandExt;
-use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdin, Command, Stdio};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -14,12 +13,12 @@ use model::Robot;
 use recorder::{Assembler, Contents, tick_of};
 use runtime::Watcher;
 use rustix::fs::OFlags;
-use shared_types::job::{JOB, Job};
 use shared_types::topics::{COUNT, TOPICS};
 use viz::{Happened, Source, Tick};
 
 use crate::failure::Failure;
-use crate::progress::{Observer, Progress};
+use crate::observation::job;
+use crate::progress::{Observer, say};
 
 /// The viewer's command; another one through the environment variable of that name.
 const VIEWER: &str = "rerun";
@@ -29,7 +28,7 @@ const VIEWER_PORT: u16 = 9876;
 /// The oldest viewer that shows everything: whose format and blueprints the recordings are in.
 const VIEWER_VERSION: (u32, u32) = (0, 36);
 
-/// Opens the files of a recording in the viewer, or hands them to the one that is running, and waits until it has ended; `layout`, a `.rbl`,
+/// Opens a recording in the viewer, or hands it to the one that is running, and waits until it has ended; `layout`, a `.rbl`,
 /// replaces the layout in the recording.
 ///
 /// The viewer shows the layout that it reads last, and reads files at once, each at its own speed. With a layout everything therefore goes
@@ -37,38 +36,31 @@ const VIEWER_VERSION: (u32, u32) = (0, 36);
 ///
 /// # Errors
 /// [`Failure::Work`] if a file cannot be read, there is no viewer, none that can be shown, or it ends with an error.
-pub fn show(
-    files: &[PathBuf],
-    layout: Option<&Path>,
-    observer: Observer<'_>,
-) -> Result<(), Failure> {
-    // The viewer opens the files itself, and would wait at a pipe.
-    for path in files {
-        files::open(path)
-            .map_err(|error| Failure::input(format_args!("{}: {error}", path.display())))?;
-    }
+pub fn show(file: &Path, layout: Option<&Path>, observer: Observer<'_>) -> Result<(), Failure> {
+    // The viewer opens the file itself, and would wait at a pipe.
+    files::open(file)
+        .map_err(|error| Failure::input(format_args!("{}: {error}", file.display())))?;
     if let Some(sentence) = Asked::ask()?.complaint(Duration::from_secs(3)) {
-        observer(Progress::Line(&format!("armplane: {sentence}")));
+        say(observer, sentence);
     }
     let mut child = match layout {
-        None => start(files, Stdio::inherit(), Stdio::inherit)?,
-        Some(layout) => {
-            let mut child = start(&["-"], Stdio::piped(), Stdio::inherit)?;
-            let input = child.stdin.take();
-            let all = files.iter().map(PathBuf::as_path).chain([layout]);
-            match input.map_or(Ok(()), |mut input| {
-                all.into_iter().try_for_each(|path| send(path, &mut input))
-            }) {
-                // A viewer that is closed meanwhile says by its status how it ended.
-                Err(error) if error.kind() != ErrorKind::BrokenPipe => {
-                    return Err(Failure::Work(format!(
-                        "the viewer received only a part of the recording: {error}"
-                    )));
-                }
-                _ => child,
-            }
-        }
+        None => start(&[file], Stdio::inherit(), Stdio::inherit)?,
+        Some(_) => start(&["-"], Stdio::piped(), Stdio::inherit)?,
     };
+    if let (Some(layout), Some(mut input)) = (layout, child.stdin.take()) {
+        let sent = [file, layout].into_iter().try_for_each(|path| {
+            let mut file = files::open(path)?;
+            std::io::copy(&mut file, &mut input).map(drop)
+        });
+        // A viewer that is closed meanwhile says by its status how it ended.
+        if let Err(error) = sent
+            && error.kind() != ErrorKind::BrokenPipe
+        {
+            return Err(Failure::Work(format!(
+                "the viewer received only a part of the recording: {error}"
+            )));
+        }
+    }
     // The viewer's own window is the user's: it may outlive this command, whose end it is when the viewer ends first.
     let status = child
         .wait()
@@ -81,10 +73,6 @@ pub fn show(
             viewer_command()
         )))
     }
-}
-
-fn send(path: &Path, viewer: &mut ChildStdin) -> std::io::Result<()> {
-    std::io::copy(&mut files::open(path)?, viewer).map(drop)
 }
 
 fn named_viewer_command() -> Option<String> {
@@ -242,8 +230,10 @@ impl Live {
                 Stdio::null,
             )?;
         }
-        let watcher = None;
-        Ok(Self { version, watcher })
+        Ok(Self {
+            version,
+            watcher: None,
+        })
     }
 
     /// Draws the run in a directory from now on.
@@ -251,12 +241,8 @@ impl Live {
     /// # Errors
     /// [`Failure::Work`] if the process cannot be started.
     pub(crate) fn follow(&mut self, run: &Path) -> Result<(), Failure> {
-        let watcher = launcher::reexec(WATCH, run).and_then(|mut command| {
-            let command = command.process_group(0).stdin(Stdio::piped());
-            command.stdout(Stdio::null()).stderr(Stdio::null()).spawn()
-        });
-        let cannot = |error| Failure::Work(format!("cannot start {WATCH}: {error}"));
-        self.watcher = Some(watcher.map_err(cannot)?);
+        let watcher = launcher::start_beside(WATCH, run);
+        self.watcher = Some(watcher.map_err(Failure::cannot("start", Path::new(WATCH)))?);
         Ok(())
     }
 
@@ -299,8 +285,7 @@ pub fn watch(run: &Path) -> Result<bool, Failure> {
         std::thread::sleep(REST);
         std::process::exit(1);
     });
-    let text = files::read(&run.join(JOB)).map_err(Failure::work)?;
-    let job: Job = serde_json::from_slice(&text).map_err(Failure::work)?;
+    let job = job(run)?;
     let robot = Robot::from_source(&job.robot).map_err(Failure::work)?;
     let reads = |topic: &str| job.graph.writer(topic).is_some();
     let begun = Instant::now();

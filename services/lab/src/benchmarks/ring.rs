@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
 
-use launcher::{Begin, Child, Event, Launcher, Limits, Outcome, Plan, Ran, Restart};
+use launcher::{Begin, Child, Event, Launcher, Limits, Outcome, Plan, Ran};
 use runtime::{Mode, Process, ProcessError, Shell, now_ns, realtime};
 use serde::{Deserialize, Serialize};
 use session::{Failure, Observer, Progress};
@@ -82,7 +82,7 @@ impl Ring {
                 ..Process::default()
             },
             ends_run: index == 0,
-            restart: Restart::Never,
+            most_restarts: 0,
         });
         Plan {
             mode: Mode::Lockstep,

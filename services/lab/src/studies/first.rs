@@ -48,7 +48,7 @@ pub fn begin(name: &Path, robot: &str, shape: Shape) -> Result<(PathBuf, Vec<Str
             return Err(taken(file));
         }
     }
-    let arm = load::robot(robot, None, None, None)?;
+    let arm = load::robot(robot, None, None)?;
     arm.complete().map_err(Failure::input)?;
     let (text, rows) = text(&path, robot, &arm, shape).map_err(|failure| match failure {
         Failure::Input(why) if !arm.notes.is_empty() => {

@@ -51,7 +51,7 @@ impl Lines<'_> {
         let Some(robot) = self.robot else {
             return self.near();
         };
-        let arm = load::robot(robot, None, None, None)?;
+        let arm = load::robot(robot, None, None)?;
         arm.complete().map_err(Failure::input)?;
         let mut template = bare(SWEEP, robot, self.settings)?;
         // A folder may have the name of a built-in arm.
