@@ -19,7 +19,6 @@ from pathlib import Path
 
 import armplane
 
-from .. import mjcf
 from ..results import read_toml
 
 # Lines of the table, and lines on which numbers may be tuned.
@@ -111,8 +110,11 @@ def _file(arm, folder):
     xml = Path(found.origin).parent / "models/assets/robots" / name / "robot.xml"
     urdf = folder / f"{name}.urdf"
     if not urdf.exists():
-        # Once here, not in each run: MuJoCo takes longer to start than most lines to run.
-        text, description = mjcf.read(xml)
+        # Here, as the arena's help needs no package of others.
+        from ..mjcf import read
+
+        # Once, not in each run: MuJoCo takes longer to start than most lines to run.
+        text, description = read(xml)
         urdf.with_suffix(".toml").write_text(description)
         urdf.write_text(text)
     return str(urdf), _hash(xml.read_bytes())
