@@ -171,7 +171,9 @@ impl<'a> Facts<'a> {
         };
         let J = self.jacobian(&q.into(), report.p_BC);
         let scaled = unit_scaled(&J, report.length_m, &self.robot.task.0);
-        Some(scaled.singular_values().into())
+        // Of what is no number, as a foreign analyzer may send it, nalgebra would look for them without end.
+        let is_finite = scaled.iter().all(|x| x.is_finite());
+        is_finite.then(|| scaled.singular_values().into())
     }
 
     /// Half the length of the mark of a singularity the arm is in; m.

@@ -80,10 +80,14 @@ pub fn stand_in(run: &Path, process: &str, limit: Duration) -> Result<(), Proces
         limit.as_secs(),
         run.display()
     ));
-    let pid = loop {
-        let pid = std::fs::read_to_string(&path).ok();
-        if let Some(pid) = pid.and_then(|pid| Pid::from_raw(pid.parse().ok()?)) {
-            break pid;
+    // Without a descriptor it has ended already; one that has left at once may have been too quick to be seen.
+    let program = loop {
+        let text = std::fs::read_to_string(&path).unwrap_or_default();
+        if text.starts_with(LEFT) {
+            break None;
+        }
+        if let Some(pid) = text.parse().ok().and_then(Pid::from_raw) {
+            break pidfd_open(pid, PidfdFlags::empty()).ok();
         }
         if is_stopping() {
             return Ok(());
@@ -96,8 +100,6 @@ pub fn stand_in(run: &Path, process: &str, limit: Duration) -> Result<(), Proces
         }
         std::thread::sleep(LOOK);
     };
-    // Without a descriptor it has ended already.
-    let program = pidfd_open(pid, PidfdFlags::empty()).ok();
     let why = loop {
         let has_ended = program.as_ref().is_none_or(has_ended);
         let text = std::fs::read_to_string(&path).unwrap_or_default();
