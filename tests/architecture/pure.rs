@@ -25,7 +25,7 @@ const ROOMS: [&str; 1] = ["services/recorder/src/judge"];
 const DEPENDENCIES: &str = "bytemuck control glam hdrhistogram libm model nalgebra process quick_xml rapier3d recorder serde serde_json shared_types sim thiserror \
     toml roxmltree urdf_rs wide analyzer controller estimator operator plant plotters viz mesh_loader xxhash_rust";
 const PROCESSES: &str = "analyzer controller estimator operator plant plant_fci recorder";
-const STEP: &str = "Bounds Cycle Known Law Analysis World process";
+const STEP: &str = "Bounds Cycle Law Analysis World process";
 /// Modules of the standard library without clock, thread, file, environment and process; the three instructions compute, load and store.
 const STANDARD: &str = "any array borrow cell cmp collections convert error f32 f64 fmt hash iter marker mem num ops path result slice str sync";
 const ITEMS: [&str; 5] = [
