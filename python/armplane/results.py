@@ -204,6 +204,16 @@ def read_toml(path):
     return tomllib.loads(path.read_text())
 
 
+def write_whole(path, content):
+    """Writes a file that is there whole or not at all."""
+    draft = path.with_suffix(".draft")
+    with open(draft, "wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(draft, path)
+
+
 def listed(given):
     """A list; one thing alone is a list of one."""
     return [given] if isinstance(given, (str, Mapping)) or not hasattr(given, "__iter__") else list(given)

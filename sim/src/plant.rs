@@ -19,7 +19,7 @@ pub struct Diverged;
 /// A simulated arm in its world.
 pub struct Plant<const N: usize> {
     smooth: Smooth<N>,
-    /// What rapier3d adds; `None`: Runge–Kutta alone, without floor, joint stops and dry friction.
+    /// Floor, joint stops and dry friction by rapier3d; `None`: Runge–Kutta alone, without these.
     pub(crate) hybrid: Option<Box<Hybrid<N>>>,
     state: State<N>,
     /// Of the state.

@@ -200,7 +200,7 @@ impl<'a> Recording<'a> {
         Ok(())
     }
 
-    /// What is happening, as Markdown.
+    /// Shows the words about the present tick, in Markdown.
     fn tell_now(&mut self, tick: u64, words: &str) {
         let document = || TextDocument::from_markdown(words);
         self.show(tick, entity::NOW.to_owned(), words.to_owned(), document);

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import armplane
 
-from ..results import read_toml
+from ..results import read_toml, write_whole
 
 # Lines of the table, and lines on which numbers may be tuned.
 TEST, TRAINING, TRAINED = 1, 101, ("puma560", "ur5")
@@ -56,7 +56,7 @@ class Task:
         return _hash((self.known or self.text or self.name).encode())[:16]
 
     def copied(self, folder):
-        """What a run is given: the built-in name, or a file of its own: an opponent may write to one that all share."""
+        """The argument of a run: the built-in name, or a file of its own, as an opponent may write to one that all share."""
         if not self.text:
             return self.name
         path = Path(folder) / f"{self.name}.toml"
@@ -108,15 +108,13 @@ def _file(arm, folder):
     if found is None:
         return None
     xml = Path(found.origin).parent / "models/assets/robots" / name / "robot.xml"
-    urdf = folder / f"{name}.urdf"
-    if not urdf.exists():
-        # Here, as the arena's help needs no package of others.
-        from ..mjcf import read
+    # Here, as the arena's help needs no package of others.
+    from ..mjcf import read
 
-        # Once, not in each run: MuJoCo takes longer to start than most lines to run.
-        text, description = read(xml)
-        urdf.with_suffix(".toml").write_text(description)
-        urdf.write_text(text)
+    # Once, not in each run: MuJoCo takes longer to start than most lines to run. Anew for each arena: the package can have changed, and an opponent can have written.
+    urdf, texts = folder / f"{name}.urdf", read(xml)
+    for path, text in zip((urdf, urdf.with_suffix(".toml")), texts):
+        write_whole(path, text.encode())
     return str(urdf), _hash(xml.read_bytes())
 
 

@@ -9,7 +9,6 @@ import hashlib
 import itertools
 import json
 import math
-import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -17,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from .. import _armplane
-from ..results import as_settings
+from ..results import as_settings, write_whole
 from ..trials import trial
 
 MOST = 10_000_000
@@ -77,7 +76,7 @@ def sweep(scenario, space, runs=None, method="grid", *, seed=1, settings=None, o
     for i, rows in _spread(todo, (scenario, settings, run), client, jobs):
         tables[i] = table = pd.json_normalize(rows)
         if out is not None:
-            _whole(parts[i], table.to_parquet(index=False))
+            write_whole(parts[i], table.to_parquet(index=False))
         done += len(table)
         if progress:
             progress(done, len(points))
@@ -218,23 +217,13 @@ def _claim(folder, plan, first):
     if not (folder / PLAN).exists():
         if any(folder.iterdir()):
             raise ValueError(f"{folder} is not empty, and not a sweep's: choose another folder")
-        _whole(folder / PLAN, json.dumps(wanted, indent=1).encode())
+        write_whole(folder / PLAN, json.dumps(wanted, indent=1).encode())
     known = json.loads((folder / PLAN).read_text())
     changed = [key for key in wanted if known.get(key) != wanted[key]]
     if changed == ["first_run_sha256"]:
         raise ValueError(f"{folder} holds results of another build, arm or scenario: its first run gives other bytes now; choose another folder")
     if changed:
         raise ValueError(f"{folder} holds another sweep (other {', '.join(changed)}): choose another folder")
-
-
-def _whole(path, content):
-    """Writes a file that is there whole or not at all."""
-    draft = path.with_suffix(".draft")
-    with open(draft, "wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(draft, path)
 
 
 def _scalar(value):

@@ -30,7 +30,7 @@ class Robot:
 
     @functools.cached_property
     def solids(self):
-        """What is drawn of it (`viz/src/solids.rs`). Only the page reads meshes."""
+        """Its pieces as they are drawn (`viz/src/solids.rs`). Only the page reads meshes."""
         return json.loads(_armplane.solids(json.dumps(self.job)))
 
     def frames(self, q):

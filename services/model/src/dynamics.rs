@@ -31,7 +31,7 @@ impl<const N: usize> ArmMotion<N> {
         Factored::of(self.A).solve(tau - self.bias)
     }
 
-    /// What a plant tells of it.
+    /// The part of a plant's truth that follows from it.
     #[must_use]
     pub fn truth(&self) -> PlantState {
         let mut truth = PlantState {

@@ -36,7 +36,7 @@ pub(crate) struct World<const N: usize> {
     drive: Drive<N>,
     end: TaskEnd,
     hardware_faults: HardwareFaults<N>,
-    /// What is nobody else's: `ticks`, `diverged`, `contradicted`, and `acted`, the torque applied by the drives, unless one failed.
+    /// The state of this process alone: `ticks`, `diverged`, `contradicted`, and `acted`, the torque applied by the drives, unless one failed.
     own: PlantCheckpoint,
 }
 

@@ -7,7 +7,7 @@ use shared_types::graph::Graph;
 
 use crate::Record;
 
-/// What has been reported of each entry of the fault table: that it was injected, detected, recovered.
+/// Whether each entry of the fault table has been reported as injected, as detected, and as recovered.
 #[derive(Debug, Default)]
 pub(crate) struct FaultReporter {
     reported: Vec<[bool; 3]>,

@@ -146,7 +146,7 @@ impl Recorded {
         self.lines.get(signal.name()).map_or(&[], Vec::as_slice)
     }
 
-    /// What a lane told, and when.
+    /// The words of a lane, with their ticks.
     fn lane(&self, name: &str) -> &[(u64, String)] {
         self.lanes.get(name).map_or(&[], Vec::as_slice)
     }
