@@ -126,12 +126,15 @@ class Process:
         if code := joined.leave():
             sys.exit(code)
 
-    def _take_part(self):
-        joined, now, tick = self.joined, self.now, self.tick
+    def _begin(self):
         self.setup()
         for name, value in vars(self).items():
             if value is not self._given.get(name, self):
                 self._check_name(name, value)
+
+    def _take_part(self):
+        joined, now, tick = self.joined, self.now, self.tick
+        self._begin()
         if (left := joined.previous) is not None:
             self.restore(left)
         wait, send = joined.wait, joined.send

@@ -9,25 +9,28 @@ import tempfile
 from pathlib import Path
 
 from . import _armplane
+from .process import Controller
 from .results import as_settings, extra
 
 
-def trial(scenario, settings=None, faults=None, seed=None):
+def trial(scenario, settings=None, faults=None, seed=None, controller=None):
     """Runs a scenario, and returns its row: `outcome`, `reason`, and the numbers of `summary.json`, a key each; `hash` has one of each topic.
 
     `settings` overrides keys of the scenario: `{"control.k_p": 900}`. `faults` replaces its faults, a dictionary each, with the keys of `[[fault]]`.
-    `seed` replaces its seed. If the law or the arm refuses the scenario, the row has only `outcome` ("refused") and `reason`. Raises ValueError if the
-    scenario or a setting is invalid.
+    `seed` replaces its seed. `controller`, a class derived from `armplane.Controller`, controls the run in place of a law: an object of it gets the
+    messages that it would get in a process, and what it raises is raised here. If the law or the arm refuses the scenario, the row has only `outcome`
+    ("refused") and `reason`. Raises ValueError if the scenario or a setting is invalid.
     """
-    return json.loads(_armplane.run_trial(_named("scenario", scenario), as_settings(settings, faults), _whole("seed", seed)))
+    return json.loads(_armplane.run_trial(_named("scenario", scenario), as_settings(settings, faults), _whole("seed", seed), _class(controller)))
 
 
-def trace(scenario, settings=None, faults=None, seed=None):
+def trace(scenario, settings=None, faults=None, seed=None, controller=None):
     """Runs a scenario, and returns its signals as a `pyarrow.Table`, a row per tick, with the columns of `armplane export`. Arguments as of `trial`."""
     with extra("experiments"):
         from pyarrow import ipc
 
-    return ipc.open_stream(_armplane.trace_trial(_named("scenario", scenario), as_settings(settings, faults), _whole("seed", seed))).read_all()
+    stream = _armplane.trace_trial(_named("scenario", scenario), as_settings(settings, faults), _whole("seed", seed), _class(controller))
+    return ipc.open_stream(stream).read_all()
 
 
 def lines(robot, count, seed=1, kind="one", *, speed=0.28, settings=None):
@@ -66,6 +69,12 @@ def _whole(name, value, least=0):
     if value is not None and (int(value) != value or not least <= value < 2**63):
         raise ValueError(f"{name} = {value}: give a whole number from {least}")
     return value
+
+
+def _class(controller):
+    if controller is not None and not (isinstance(controller, type) and issubclass(controller, Controller)):
+        raise ValueError(f"controller is {controller!r}: give a class derived from armplane.Controller")
+    return controller
 
 
 def _named(name, value):

@@ -2,6 +2,7 @@
 
 import argparse
 import concurrent.futures
+import ctypes
 import fcntl
 import functools
 import hashlib
@@ -43,11 +44,12 @@ else:
 TUNED = " tuned"
 # Longest run of a law on a task, and longest time in which an opponent loads and joins it (--join-limit); s.
 LONGEST, MOST_TRIALS = {"run": 1800, "join": 120}, 6
-# The graph of a run under an opponent, whose process joins it: compilers and large packages are at work before its first answer.
+SILENT = {"outcome": "silent", "reason": f"no end within {LONGEST['run']} s"}
+# The graph of a run under an opponent: compilers and large packages are at work before its first answer.
 GRAPH = """extends = "armplane"
 [[process]]
 name = "controller"
-external = true
+command = {command}
 restart = "never"
 answer_limit_s = {join}
 join_limit_s = {join}
@@ -90,9 +92,9 @@ class Entry:
         return "" if self.own else json.dumps(self.settings, sort_keys=True)
 
     def graph(self, folder):
-        """Writes the graph of an opponent's run. The opponent was loaded once before the table, so it need not be checked before each run."""
+        """Writes the graph of an opponent's run."""
         path = Path(folder) / "graph.toml"
-        path.write_text(GRAPH.format(join=LONGEST["join"]))
+        path.write_text(GRAPH.format(command=json.dumps([sys.executable, "-m", "armplane.arena.host", self.argument]), join=LONGEST["join"]))
         return str(path)
 
 
@@ -169,11 +171,11 @@ def tuned(found, table, folder, jobs):
 
 
 def run(entry, task, condition, more=()):
-    """The row of one law on one task under a condition, with `more` arguments of `armplane run`. Laws of armplane run in this process."""
+    """The row of one law on one task under a condition, with `more` arguments of `armplane run`."""
     row = {"law": entry.name, "task": task.name, "group": task.group, "condition": condition, "task_hash": task.hash}
     more = [*more, *sets(DATA["varied"].get(condition, {}))]
     with tempfile.TemporaryDirectory() as folder:
-        found = tried(entry, task, more) if entry.own and "--plant" not in more else one_run(entry, task.copied(folder), folder, more)
+        found = one_run(entry, task.copied(folder), folder, more) if "--plant" in more else tried(entry, task, folder, more)
         if condition == LATE:
             found = after_delay(found)
         found.update(stated_cost(Path(folder) / "cost"))
@@ -196,10 +198,36 @@ def _scalars(values):
     return {key: value for key, value in values.items() if isinstance(value, (bool, int, float, str))}
 
 
-def tried(entry, task, more):
-    """The numbers of a law of armplane, on this thread."""
-    settings = dict(pair.split("=", 1) for pair in more[1::2])
-    row = armplane.trial(task.text or task.name, {**settings, **entry.scenario()})
+class Sent(armplane.Controller):
+    """Sends again what an opponent has sent in its own process, from a file: this process judges it."""
+
+    file = ""
+
+    def setup(self):
+        self.messages = open(self.file, "rb")
+
+    def control(self, tick, estimate, singularity, state, torque):
+        for message in state, torque:
+            if self.messages.readinto(message) != ctypes.sizeof(message):
+                raise ValueError(f"its messages end before tick {tick}")
+
+    def end(self):
+        self.messages.close()
+
+
+def tried(entry, task, folder, more):
+    """The numbers of a law, by a trial on this thread; an opponent has one of its own before, whose messages are taken up."""
+    text, settings, controller = task.text or task.name, dict(pair.split("=", 1) for pair in more[1::2]), None
+    if not entry.own:
+        sent, cost = f"{folder}/sent", f"{folder}/cost"
+        given = {"scenario": text, "settings": settings, "file": sent, "environment": {"ARMPLANE_ARENA": entry.attributes(), "ARMPLANE_ARENA_COST": cost}}
+        why = CHILDREN.opponent(entry.argument, LONGEST["join"]).controls(given, LONGEST["run"])
+        if why != "":
+            # After any failure the next trial has another process.
+            CHILDREN.dismiss()
+            return SILENT if why is None else {"outcome": "failed", "reason": why}
+        controller = type("Sent", (Sent,), {"file": sent})
+    row = armplane.trial(text, {**settings, **entry.scenario()}, controller=controller)
     if "ticks" not in row:
         return row
     # The table has its own name for it.
@@ -208,24 +236,17 @@ def tried(entry, task, more):
 
 
 def one_run(entry, scenario, folder, more, record=False):
-    """The same numbers from `armplane run` in `folder`/run, which can inject faults and record."""
+    """The same numbers from `armplane run` in `folder`/run, which has other plants, and records."""
     law = sets(entry.scenario()) if entry.own else ["--graph", entry.graph(folder)]
-    opponent = None if entry.own else CHILDREN.opponent(entry.argument)
     command = [_program(), "run", str(scenario), *law, *more, *([] if record else ["--no-record"]), "--out", f"{folder}/run", "--json"]
-    done = CHILDREN.run(command, LONGEST["run"], opponent, ARMPLANE_ARENA=entry.attributes(), ARMPLANE_ARENA_COST=f"{folder}/cost")
-    found = told(done, Path(folder) / "run/summary.json")
-    if opponent and not found.get("completed"):
-        if opponent.has_died():
-            found.update(outcome="failed", reason=opponent.last_words() or found["reason"])
-        # After any failure the next run has another process.
-        CHILDREN.dismiss()
-    return found
+    done = CHILDREN.run(command, LONGEST["run"], ARMPLANE_ARENA=entry.attributes(), ARMPLANE_ARENA_COST=f"{folder}/cost")
+    return told(done, Path(folder) / "run/summary.json")
 
 
 def told(done, file):
     """The numbers of a run that has ended, from its summary."""
     if done is None:
-        return {"outcome": "silent", "reason": f"no end within {LONGEST['run']} s"}
+        return SILENT
     code, _, error = done
     if code not in (0, 1) or not file.is_file():
         return {"outcome": "refused" if code == 2 else "failed", "reason": _sentence(error)}
@@ -368,10 +389,14 @@ class Table:
 
 
 def again(found, todo, rows, count, more):
-    """Runs the first `count` tasks of each law a second time, and returns the cells whose torques differ."""
+    """Runs the first `count` tasks of each law a second time, in the processes of a run, and returns the cells whose torques differ."""
     known = {(row["law"], row["task"]): row for row in rows if row["condition"] == BASE}
-    cells = [(entry, task) for entry in found for task in todo[:count]]
-    return [f"{entry.name} on {task.name}" for entry, task in cells if run(entry, task, BASE, more).get("hash") != known[entry.name, task.name].get("hash")]
+    different = []
+    for entry, task in itertools.product(found, todo[:count]):
+        with tempfile.TemporaryDirectory() as folder:
+            if one_run(entry, task.copied(folder), folder, more).get("hash") != known[entry.name, task.name].get("hash"):
+                different.append(f"{entry.name} on {task.name}")
+    return different
 
 
 def save(folder, rows, digest, command):
@@ -407,7 +432,7 @@ def arguments():
     add("--tracks", action="store_true", help="add the tracks: each opponent's own clock, which slows where a limit demands it, and the paper's tasks without hints")
     add("--varied", action="store_true", help="add payload +-10 %%, encoder noise x 4, and estimates two ticks late, on the first lines of each arm")
     add("--tune", action="store_true", help="add a row of each law tuned: the best of at most six settings on lines of another seed")
-    add("--again", type=int, default=0, metavar="N", help="then run N tasks of each law a second time, and compare every torque")
+    add("--again", type=int, default=0, metavar="N", help="then run N tasks of each law a second time, in processes, and compare every torque")
     add("--check", metavar="FILE", help="compute the hash of an arena.parquet, and compare it with the one that it states")
     return parser.parse_args()
 

@@ -1,8 +1,8 @@
-"""The programs that the arena starts: runs, and the opponents that take part in them."""
+"""The programs that the arena starts: runs, and opponents."""
 
 import json
 import os
-import re
+import select
 import signal
 import subprocess
 import sys
@@ -10,10 +10,8 @@ import threading
 import time
 from contextlib import suppress
 
-# An interrupted run may take so long to end, and one whose opponent has died to notice; s.
-PATIENCE_S, NOTICES_S = 20, 2
-# A run's own words to a process that is to join it.
-RUN = re.compile(rb"ARMPLANE_RUN=(\S+)")
+# An interrupted run may take so long to end; s.
+PATIENCE_S = 20
 PIPES = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "start_new_session": True}
 
 
@@ -22,15 +20,14 @@ class End(threading.Thread):
 
     KEPT = 1 << 16
 
-    def __init__(self, stream, look=lambda _: None):
+    def __init__(self, stream):
         super().__init__(daemon=True)
-        self.stream, self.look, self.kept = stream, look, b""
+        self.stream, self.kept = stream, b""
         self.start()
 
     def run(self):
         while part := self.stream.read1(self.KEPT):
             self.kept = (self.kept + part)[-self.KEPT :]
-            self.look(self.kept)
 
     def text(self):
         self.join(1)
@@ -45,18 +42,26 @@ def killed(child):
 
 
 class Opponent:
-    """A process that loads an opponent's file once, and joins one run after another."""
+    """A process that loads an opponent's file once, and controls one trial after another. `limit`: the longest time that it may take to load, or for a tick; s."""
 
-    def __init__(self, file):
-        self.file = file
-        self.child = subprocess.Popen([sys.executable, "-m", "armplane.arena.host", file, "-"], stdin=subprocess.PIPE, **PIPES)
+    def __init__(self, file, limit):
+        self.file, self.limit = file, limit
+        self.answers, theirs = os.pipe()
+        command = [sys.executable, "-m", "armplane.arena.host", file, str(theirs), str(limit)]
+        self.child = subprocess.Popen(command, stdin=subprocess.PIPE, pass_fds=[theirs], **PIPES)
+        os.close(theirs)
         self.ends = End(self.child.stdout), End(self.child.stderr)
 
-    def takes(self, given):
-        """Has it join the run of this environment."""
+    def controls(self, given, seconds):
+        """Has it control a trial, which takes at most so long. Why it has not; `None` after [`Children.stop`] or a timeout."""
         with suppress(OSError):
             self.child.stdin.write(f"{json.dumps(given)}\n".encode())
             self.child.stdin.flush()
+        last = time.monotonic() + seconds
+        while time.monotonic() < last and not CHILDREN.stopped:
+            if select.select([self.answers], [], [], 1)[0] or self.has_died():
+                return "" if os.read(self.answers, 1) else self.last_words()
+        return None
 
     def has_died(self):
         return self.child.poll() is not None
@@ -64,11 +69,14 @@ class Opponent:
     def last_words(self):
         """Why it could not go on, where it has said so."""
         lines = self.ends[1].text().splitlines()
-        return next((line.removeprefix("armplane: ") for line in reversed(lines) if line.startswith("armplane: ")), "")
+        if any(line.startswith("Timeout (") for line in lines):
+            return f"it gave no answer within {self.limit} s: --join-limit allows more"
+        return next((line.removeprefix("armplane: ") for line in reversed(lines) if line.startswith("armplane: ")), "it ended without a word")
 
     def end(self):
         killed(self.child)
         self.child.stdin.close()
+        os.close(self.answers)
 
 
 class Children:
@@ -77,13 +85,13 @@ class Children:
     def __init__(self):
         self.lock, self.running, self.opponents, self.stopped = threading.Lock(), set(), {}, False
 
-    def opponent(self, file):
-        """The process of an opponent's file for the runs of this thread."""
+    def opponent(self, file, limit):
+        """The process of an opponent's file for the trials of this thread."""
         thread = threading.get_ident()
         known = self.opponents.get(thread)
-        if known is None or known.file != file or known.has_died():
+        if known is None or (known.file, known.limit) != (file, limit) or known.has_died():
             self.dismiss(thread)
-            known = self.opponents[thread] = Opponent(file)
+            known = self.opponents[thread] = Opponent(file, limit)
         return known
 
     def dismiss(self, thread=None):
@@ -91,35 +99,21 @@ class Children:
         if known := self.opponents.pop(thread or threading.get_ident(), None):
             known.end()
 
-    def run(self, command, seconds, opponent=None, **environment):
-        """Exit code, standard output and standard error of a program, or `None` after [`stop`] or a timeout. Whatever it has started ends with it.
-
-        An `opponent` joins it, with the environment.
-        """
+    def run(self, command, seconds, **environment):
+        """Exit code, standard output and standard error of a program, or `None` after [`stop`] or a timeout. Whatever it has started ends with it."""
         with self.lock:
             if self.stopped:
                 return None
             child = subprocess.Popen(command, env={**os.environ, **environment}, stdin=subprocess.DEVNULL, **PIPES)
             self.running.add(child)
-        asked = []
-
-        def look(text):
-            if opponent and not asked and (found := RUN.search(text)):
-                asked.append(found)
-                opponent.takes({**environment, "ARMPLANE_RUN": found[1].decode(), "ARMPLANE_PROCESS": "controller"})
-
-        ends, is_late, last = [End(child.stdout), End(child.stderr, look)], False, time.monotonic() + seconds
+        ends, is_late = [End(child.stdout), End(child.stderr)], False
         try:
-            while child.poll() is None and not is_late:
-                has_died = opponent and opponent.has_died()
-                with suppress(subprocess.TimeoutExpired):
-                    child.wait(NOTICES_S if has_died else 1)
-                is_late = time.monotonic() > last
-                if child.poll() is None and (has_died or is_late):
-                    child.send_signal(signal.SIGINT)
-                    with suppress(subprocess.TimeoutExpired):
-                        child.wait(PATIENCE_S)
-                    break
+            child.wait(seconds)
+        except subprocess.TimeoutExpired:
+            is_late = True
+            child.send_signal(signal.SIGINT)
+            with suppress(subprocess.TimeoutExpired):
+                child.wait(PATIENCE_S)
         finally:
             killed(child)
             self.running.discard(child)

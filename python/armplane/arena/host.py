@@ -1,9 +1,11 @@
 """Runs an opponent's file as the controller of a run: `python -m armplane.arena.host FILE.py`; without a run it loads the file, and says what is missing.
+With the number of a pipe and a limit in seconds behind the file, it controls the trials that the standard input asks for, a line of JSON each.
 
     ARMPLANE_ARENA         JSON object of attributes laid over the class's own: {"k_p": 400}
     ARMPLANE_ARENA_COST    file to which a line is added at the end: microseconds that the law took for a tick
 """
 
+import faulthandler
 import importlib.util
 import json
 import os
@@ -20,6 +22,7 @@ import armplane
 from armplane import wire
 
 from ..drive import mask
+from ..process import _place
 from ..results import INSTALL
 from .arm import Arm
 from .laws import Law, Reference
@@ -114,13 +117,50 @@ class Host(armplane.Controller):
                 print(json.dumps({"median_us": median, "p99_us": late, "first_ms": self.times[0] / 1e6}), file=out)
 
 
+class Guest(Host):
+    """The same in a trial of this process. It keeps what it sends: the arena judges that, in a process of its own."""
+
+    # The longest time for a tick, s, and the file for the messages.
+    limit, file = 0.0, ""
+
+    def setup(self):
+        super().setup()
+        self.sent, self.watched = bytearray(), 0.0
+
+    def control(self, tick, estimate, singularity, state, torque):
+        if (now := time.monotonic()) > self.watched + self.limit / 10:
+            faulthandler.dump_traceback_later(self.limit, exit=True, file=sys.__stderr__)
+            self.watched = now
+        super().control(tick, estimate, singularity, state, torque)
+        self.sent += bytes(state)
+        self.sent += bytes(torque)
+
+    def end(self):
+        super().end()
+        with open(self.file, "wb") as out:
+            out.write(self.sent)
+
+
+def _serve(answers, limit):
+    Guest.limit = limit
+    for line in sys.stdin:
+        given = json.loads(line)
+        os.environ.update(given["environment"])
+        Guest.file = given["file"]
+        faulthandler.dump_traceback_later(limit, exit=True, file=sys.__stderr__)
+        try:
+            armplane.trial(given["scenario"], given["settings"], controller=Guest)
+        except Exception as error:
+            print(f"armplane: {type(error).__name__}: {error}{_place(error)}", file=sys.__stderr__, flush=True)
+            os._exit(1)
+        faulthandler.cancel_dump_traceback_later()
+        os.write(answers, b"\n")
+    os._exit(0)
+
+
 def main():
-    if sys.argv[2:] == ["-"]:
-        # The arena gives the environment of one run after another.
-        for given in sys.stdin:
-            os.environ.update(json.loads(given))
-            Host.run()
-        os._exit(0)
+    if sys.argv[2:]:
+        _serve(int(sys.argv[2]), float(sys.argv[3]))
     if "ARMPLANE_PROCESS" in os.environ:
         Host.run()
         # Python would take apart what large packages leave for longer than a process of a run has to stop.

@@ -1,6 +1,7 @@
 //! The thread under its scenario's faults of processes and messages.
 
 use model::{Refused, Robot};
+use process::Step;
 use shared_types::fault::ScheduledFault;
 use shared_types::graph::{self, Graph};
 use shared_types::process::Process;
@@ -51,16 +52,19 @@ pub fn plans_faults_of_processes(scenario: &Scenario) -> bool {
         .any(|fault| !fault.kind.concerns_joint())
 }
 
-/// Runs a scenario under its faults to its end, handing each message that counts to `sink`, with its topic's place in the list. The sentence: why it ended before its task did.
+/// Runs a scenario under its faults to its end, under a `controller` of others where there is one, handing each message that counts to `sink`, with its topic's
+/// place in the list. The sentence: why it ended before its task did.
 ///
 /// # Errors
 /// As [`planned_faults`], [`Refused`] by the first step that does not accept the robot or the scenario, and where its path cannot be followed.
 pub fn run_under_faults(
     robot: &Robot,
     scenario: &Scenario,
+    controller: Option<Box<dyn Step>>,
     sink: &mut dyn FnMut(usize, &[u8]),
 ) -> Result<Option<String>, Refused> {
-    let mut thread = thread(robot, scenario, planned_faults(scenario)?, |_| true)?;
+    let faults = planned_faults(scenario)?;
+    let mut thread = thread(robot, scenario, faults, controller, |_| true)?;
     possible(&thread)?;
     let mut tick = Tick::default();
     loop {

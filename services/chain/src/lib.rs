@@ -38,11 +38,12 @@ pub fn step_of(
     }))
 }
 
-/// The processes of a scenario on one thread, in the order of the data, those that are wanted.
+/// The processes of a scenario on one thread, in the order of the data, those that are wanted; a `controller` of others stands in the place of ours.
 fn thread(
     robot: &Robot,
     scenario: &Scenario,
     faults: Vec<ScheduledFault>,
+    mut controller: Option<Box<dyn Step>>,
     is_wanted: impl Fn(Program) -> bool,
 ) -> Result<Thread, Refused> {
     let graph = graph(scenario)?;
@@ -53,6 +54,7 @@ fn thread(
             .iter()
             .position(|one| one.name == process.name);
         let step = match process.program().filter(|program| is_wanted(*program)) {
+            Some(Program::Controller) if controller.is_some() => controller.take(),
             Some(program) => step_of(program, robot, scenario)?,
             None => None,
         };
@@ -70,7 +72,7 @@ fn thread(
 /// # Errors
 /// [`Refused`] if the step does not accept the robot or the scenario.
 pub fn alone(program: Program, robot: &Robot, scenario: &Scenario) -> Result<Thread, Refused> {
-    thread(robot, scenario, Vec::new(), |one| one == program)
+    thread(robot, scenario, Vec::new(), None, |one| one == program)
 }
 
 /// The processes of a scenario without faults of processes and messages.
@@ -85,7 +87,7 @@ impl Chain {
     /// has them, and [`without_faults`] takes all of them out.
     pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, Refused> {
         let faults = hardware_faults(scenario)?;
-        thread(robot, scenario, faults, |_| true).map(Self)
+        thread(robot, scenario, faults, None, |_| true).map(Self)
     }
 
     /// One tick: move, sample, estimate, analyse, control. Fills the messages of the chain; those of other processes stay as they are. `false`: the task is
@@ -164,7 +166,7 @@ pub fn advance(
     to: u64,
 ) -> Result<Option<(Vec<NamedSaved>, Tick)>, Refused> {
     let (mut thread, mut tick) = (
-        thread(robot, scenario, hardware_faults_of(scenario)?, |_| true)?,
+        thread(robot, scenario, hardware_faults_of(scenario)?, None, |_| true)?,
         Tick::default(),
     );
     if !from.is_empty() {
@@ -194,7 +196,7 @@ fn hardware_faults_of(scenario: &Scenario) -> Result<Vec<ScheduledFault>, Refuse
 pub fn first_tick(robot: &Robot, scenario: &Scenario) -> Result<Tick, Refused> {
     let is_wanted = |program| program != Program::Controller;
     let mut first = Tick::default();
-    let mut thread = thread(robot, scenario, Vec::new(), is_wanted)?;
+    let mut thread = thread(robot, scenario, Vec::new(), None, is_wanted)?;
     let _ = thread.tick(&mut first, &mut |_, _| ());
     Ok(first)
 }

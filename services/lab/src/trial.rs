@@ -17,6 +17,7 @@ use std::thread;
 
 use chain::Tick;
 use model::{Refused, Robot};
+use process::Step;
 use recorder::{Account, Assembler, Contents, Judge, TaskError, TopicHash, Verdict};
 use session::{Failure, load};
 use shared_types::graph::Graph;
@@ -27,6 +28,9 @@ use shared_types::topics::{COUNT, TOPICS};
 
 use crate::folder::scratch;
 use crate::row::Row;
+
+/// The step of a controller of others.
+pub type Controller = Box<dyn Step + Send>;
 
 /// Ticks of a run that wait to be shown.
 const WAITING: usize = 1000;
@@ -70,11 +74,18 @@ impl<'a> Trial<'a> {
     pub fn run(&self) -> Result<Row, Refused> {
         let summary = match self.graph {
             Some(graph) => self.run_in(graph).map_err(Refused::because)?,
-            None if chain::plans_faults_of_processes(&self.scenario) => {
-                self.judged_under_faults()?
-            }
+            None if chain::plans_faults_of_processes(&self.scenario) => self.assembled(None)?,
             None => self.judged()?,
         };
+        Ok(Row::of(self.scenario.control.strategy, summary))
+    }
+
+    /// The same on one thread under a controller of others.
+    ///
+    /// # Errors
+    /// [`Refused`] as [`run`](Self::run).
+    pub fn run_under(&self, controller: Controller) -> Result<Row, Refused> {
+        let summary = self.assembled(Some(controller))?;
         Ok(Row::of(self.scenario.control.strategy, summary))
     }
 
@@ -95,9 +106,9 @@ impl<'a> Trial<'a> {
         })
     }
 
-    fn judged_under_faults(&self) -> Result<Summary, Refused> {
+    fn assembled(&self, controller: Option<Controller>) -> Result<Summary, Refused> {
         let mut judge = Judge::new(self.robot, &self.scenario)?;
-        let (accounts, ended) = self.assemble(|row| {
+        let (accounts, ended) = self.assemble(controller, |row| {
             judge.take(&row.messages().lent());
         })?;
         let mut summary = judge.verdict();
@@ -114,19 +125,23 @@ impl<'a> Trial<'a> {
     /// before its task did.
     fn assemble(
         &self,
+        controller: Option<Controller>,
         mut each: impl FnMut(&recorder::Row),
     ) -> Result<(Vec<Account>, Option<String>), Refused> {
         let is_sent = |topic: &str| self.scenario.sends(topic);
         let contents = Contents::of_topics(0, self.scenario.rate_hz, is_sent);
         let mut assembler = Assembler::new(&contents);
-        let ended = chain::run_under_faults(self.robot, &self.scenario, &mut |topic, message| {
+        let mut take = |topic: usize, message: &[u8]| {
             if let Some(channel) = contents.channel(TOPICS[topic]) {
                 assembler.take(channel, message);
             }
             while let Some(row) = assembler.next_row() {
                 each(&row);
             }
-        })?;
+        };
+        let controller = controller.map(|step| -> Box<dyn Step> { step });
+        let ended =
+            chain::run_under_faults(self.robot, &self.scenario, controller, &mut take)?;
         while let Some(row) = assembler.rest() {
             each(&row);
         }
@@ -137,11 +152,11 @@ impl<'a> Trial<'a> {
     ///
     /// # Errors
     /// As [`run`](Self::run) on one thread.
-    pub fn trace(&self) -> Result<Vec<u8>, Failure> {
+    pub fn trace(&self, controller: Option<Controller>) -> Result<Vec<u8>, Failure> {
         let graph = load::graph_of(&self.scenario, None)?;
         let scenario = self.scenario.clone();
         let job = load::job(self.robot, scenario, graph, Mode::Lockstep, "".into());
-        self.shown(|ticks| viz::signals(&job, self.robot, ticks).map_err(Failure::work))
+        self.shown(controller, |ticks| viz::signals(&job, self.robot, ticks).map_err(Failure::work))
     }
 
     /// Runs it on a thread of its own, and hands its ticks to `show` as they come.
@@ -150,6 +165,7 @@ impl<'a> Trial<'a> {
     /// As [`trace`](Self::trace), and the failure of `show`.
     pub(crate) fn shown<T>(
         &self,
+        controller: Option<Controller>,
         show: impl FnOnce(&mut dyn Iterator<Item = viz::Tick>) -> Result<T, Failure>,
     ) -> Result<T, Failure> {
         let (send, ticks) = mpsc::sync_channel(WAITING);
@@ -162,7 +178,7 @@ impl<'a> Trial<'a> {
             });
         };
         thread::scope(|scope| {
-            let run = scope.spawn(|| self.assemble(keep));
+            let run = scope.spawn(|| self.assemble(controller, keep));
             let shown = show(&mut ticks.into_iter());
             let ran = run.join().map_err(|_| Failure::work("the run panicked"))?;
             ran.map_err(Failure::input)?;

@@ -93,12 +93,17 @@ impl<'a> Inputs<'a> {
     #[must_use]
     #[inline]
     pub fn get<M: Message>(&self) -> Option<&'a M> {
-        let (_, message) = self
-            .messages
-            .iter()
-            .flatten()
-            .find(|(topic, _)| *topic == M::TOPIC)?;
-        try_from_bytes(message).ok()
+        try_from_bytes(self.bytes(M::TOPIC)?).ok()
+    }
+
+    /// The same as bytes.
+    #[must_use]
+    #[inline]
+    pub fn bytes(&self, topic: &str) -> Option<&'a [u8]> {
+        let mut messages = self.messages.iter().flatten();
+        messages
+            .find(|(of, _)| *of == topic)
+            .map(|(_, message)| *message)
     }
 }
 
@@ -148,6 +153,14 @@ impl<'a> Outputs<'a> {
             .iter_mut()
             .find(|one| one.as_ref().is_some_and(is_of::<M>))?;
         slot.take().map(|(_, place)| from_bytes_mut(place))
+    }
+
+    /// The place of a topic's message as bytes; `None`: the graph does not have the topic.
+    pub fn bytes(&mut self, topic: &str) -> Option<&mut [u8]> {
+        let mut places = self.messages.iter_mut().flatten();
+        places
+            .find(|(of, _)| *of == topic)
+            .map(|(_, place)| &mut **place)
     }
 }
 

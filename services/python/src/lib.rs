@@ -2,6 +2,8 @@
 #![allow(non_snake_case)]
 
 mod arm;
+mod controller;
+mod floats;
 mod law;
 mod reference;
 mod trial;

@@ -13,6 +13,8 @@ use session::{Failure, Progress, Steering, Targets};
 use shared_types::scenario::{Goal, Strategy};
 
 use crate::arm::Arm;
+use crate::controller::Controller;
+use crate::floats::Mode;
 use crate::refused;
 
 /// A scenario by its name, its path, or its text, which has more than one line.
@@ -51,35 +53,68 @@ pub(crate) fn scenario_arm(py: Python<'_>, scenario: &str, settings: Vec<String>
     Arm::new(py, arm::Arm::new(loaded.robot, loaded.scenario.frame()))
 }
 
-/// The row of a run as JSON; where a step refuses the scenario, only `outcome` and `reason`.
+/// The row of a run as JSON; where a step refuses the scenario, only `outcome` and `reason`. `controller`: a class in Python whose object controls
+/// it.
 #[pyfunction]
+#[pyo3(signature = (scenario, settings, seed, controller=None))]
 pub(crate) fn run_trial(
     py: Python<'_>,
     scenario: &str,
     settings: Vec<String>,
     seed: Option<u64>,
+    controller: Option<Bound<'_, PyAny>>,
 ) -> PyResult<String> {
-    py.detach(|| {
-        let loaded = load(scenario, &settings, seed).map_err(refused)?;
-        let mut row = match trial(&loaded).run() {
-            Ok(row) => serde_json::to_value(&row).map_err(refused)?,
-            Err(error) => json!({"outcome": "refused", "reason": error.to_string()}),
-        };
-        row["robot"] = loaded.robot.name.into();
-        Ok(row.to_string())
-    })
+    let loaded = py
+        .detach(|| load(scenario, &settings, seed))
+        .map_err(refused)?;
+    let trial = trial(&loaded);
+    let row = match controller {
+        None => alone(py, || trial.run()),
+        Some(class) => under(&class, &loaded, |controller| trial.run_under(controller))?,
+    };
+    let mut row = match row {
+        Ok(row) => serde_json::to_value(&row).map_err(refused)?,
+        Err(error) => json!({"outcome": "refused", "reason": error.to_string()}),
+    };
+    row["robot"] = loaded.robot.name.into();
+    Ok(row.to_string())
 }
 
 /// The signals of a run, a stream of Arrow's IPC format.
 #[pyfunction]
+#[pyo3(signature = (scenario, settings, seed, controller=None))]
 pub(crate) fn trace_trial<'py>(
     py: Python<'py>,
     scenario: &str,
     settings: Vec<String>,
     seed: Option<u64>,
+    controller: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyBytes>> {
-    let table = py.detach(|| trial(&load(scenario, &settings, seed)?).trace());
+    let loaded = py
+        .detach(|| load(scenario, &settings, seed))
+        .map_err(refused)?;
+    let trial = trial(&loaded);
+    let table = match controller {
+        None => alone(py, || trial.trace(None)),
+        Some(class) => under(&class, &loaded, |controller| trial.trace(Some(controller)))?,
+    };
     Ok(PyBytes::new(py, &table.map_err(refused)?))
+}
+
+/// A run without Python's lock, in the processor's standard mode.
+fn alone<T: Send>(py: Python<'_>, run: impl FnOnce() -> T + Send) -> T {
+    py.detach(|| Mode::STANDARD.during(run))
+}
+
+/// The same under a controller in Python, which takes the lock at each tick. What it raises ends the run.
+fn under<T: Send>(
+    class: &Bound<'_, PyAny>,
+    loaded: &Loaded,
+    run: impl FnOnce(lab::trial::Controller) -> T + Send,
+) -> PyResult<T> {
+    let (controller, led) = Controller::new(class, loaded)?;
+    let done = alone(class.py(), || run(Box::new(controller)));
+    led.end(class.py()).map(|()| done)
 }
 
 fn trial(loaded: &Loaded) -> Trial<'_> {

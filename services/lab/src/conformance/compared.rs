@@ -85,7 +85,7 @@ pub(super) fn in_processes(
 pub(super) fn on_one_thread(robot: &Robot, scenario: &Scenario) -> Result<Ran, Failure> {
     let (began, mut hashes) = (Instant::now(), [TopicHash::default(); COUNT]);
     let mut add = |topic: usize, message: &[u8]| hashes[topic].add(message);
-    let ended = chain::run_under_faults(robot, scenario, &mut add).map_err(Failure::input)?;
+    let ended = chain::run_under_faults(robot, scenario, None, &mut add).map_err(Failure::input)?;
     let ticks = hashes[0].count();
     let topics = TOPICS.iter().zip(&hashes);
     let topics = topics.filter(|(topic, _)| scenario.sends(topic));
@@ -145,7 +145,7 @@ pub(super) fn record_on_one_thread(
             written = writer.append(channel, message);
         }
     };
-    chain::run_under_faults(robot, &job.scenario, &mut keep).map_err(Failure::input)?;
+    chain::run_under_faults(robot, &job.scenario, None, &mut keep).map_err(Failure::input)?;
     let finished = written.and_then(|()| writer.finish());
     finished.map_err(Failure::work)?;
     Ok(kept)

@@ -162,7 +162,7 @@ fn record(trial: &Trial<'_>, rival: &Rival, folder: &Path) -> Result<(), Failure
         run: format!("race-{}-{}", scenario.name, scenario.seed),
         ..load::job(robot, scenario.clone(), graph, Mode::Lockstep, out)
     };
-    trial.shown(|ticks| {
+    trial.shown(None, |ticks| {
         let source = Source {
             job: &job,
             robot,
