@@ -1,7 +1,11 @@
 """Trials and experiments, as they are installed: `python/build --test` runs this in an empty virtual environment."""
 
+import ctypes
 import json
+import math
+import mmap
 import os
+import platform
 import signal
 import subprocess
 import sys
@@ -52,6 +56,99 @@ def test_a_trial_has_the_bytes_and_numbers_of_the_processes(scenario, settings, 
     clock = [name for name in table.column_names if name.startswith("latency.")]
     assert table.drop_columns(clock).equals(recorded.drop_columns(clock))
     assert table.schema.field("joint.q.1").metadata[b"unit"] == b"rad"
+
+
+DAMPER = """
+import armplane
+
+
+class Damper(armplane.Controller):
+    def control(self, tick, estimate, singularity, state, torque):
+        assert self.is_fresh("estimate")
+        share = 1.0 if self.is_fresh("singularity") else 0.5
+        torque.tau[: self.dof] = [-5 * share * qdot for qdot in estimate.qdot[: self.dof]]
+        torque.phase = armplane.wire.PHASE_DONE if tick == 700 else armplane.wire.PHASE_RUNNING
+        state.path_time_s = tick * self.dt
+
+
+if __name__ == "__main__":
+    Damper.run()
+"""
+GRAPH = """extends = "armplane"
+[[process]]
+name = "controller"
+command = ["python3", "damper.py"]
+reads = ["estimate", "singularity"]
+writes = ["control_state", "torque"]
+"""
+FAULTS = [
+    {"process": "estimator", "kind": "delay", "at_tick": 30, "for_ticks": 40, "delay_ticks": 3},
+    {"process": "analyzer", "kind": "kill", "at_tick": 100},
+    {"process": "estimator", "kind": "drop", "at_tick": 200, "for_ticks": 50, "probability": 0.3},
+]
+
+
+@pytest.mark.parametrize("faults", [[], FAULTS])
+def test_a_controller_in_python_has_the_bytes_of_a_process(faults, monkeypatch):
+    Path("damper.py").write_text(DAMPER)
+    Path("graph.toml").write_text(GRAPH)
+    monkeypatch.syspath_prepend(".")
+    from damper import Damper
+
+    row = trial("short.toml", faults=faults, controller=Damper)
+    run = armplane.run("short.toml", faults=faults, graph="graph.toml", out="run")
+    assert row["hash"] == {topic: one["hash"] for topic, one in run.summary["topics"].items()}
+    assert row["ticks"] == run.summary["ticks"] == 701 and {key: row[key] for key in run.summary["task"]} == run.summary["task"]
+    qdot = armplane.trace("short.toml", faults=faults, controller=Damper)["joint.qdot.1"].to_numpy()
+    assert len(qdot) == 701 and abs(qdot[-1]) < max(abs(qdot))
+
+
+class Raising(armplane.Controller):
+    def control(self, tick, estimate, singularity, state, torque):
+        if tick == 5:
+            raise ZeroDivisionError
+
+
+class NotFinite(armplane.Controller):
+    def control(self, tick, estimate, singularity, state, torque):
+        torque.tau[0] = math.nan if tick == 5 else 0.0
+
+
+@pytest.mark.parametrize("faults", [[], FAULTS])
+def test_what_a_controller_raises_ends_its_trial(faults):
+    with pytest.raises(ZeroDivisionError):
+        trial("short.toml", faults=faults, controller=Raising)
+    with pytest.raises(ValueError, match="tick 5.*tau"):
+        trial("short.toml", faults=faults, controller=NotFinite)
+    for wrong in (Raising.control, armplane.Plant, 1):
+        with pytest.raises(ValueError):
+            trial("short.toml", controller=wrong)
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="this register is of x86-64")
+def test_a_trial_has_its_bytes_whatever_a_library_has_told_the_processor():
+    # ldmxcsr [rdi]; ret. 0x9fc0 takes small numbers for zero.
+    code = mmap.mmap(-1, 4096, prot=mmap.PROT_READ | mmap.PROT_WRITE | mmap.PROT_EXEC)
+    code.write(b"\x0f\xae\x17\xc3")
+    tell = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(ctypes.addressof(ctypes.c_char.from_buffer(code)))
+    mode = lambda bits: tell(ctypes.addressof(ctypes.c_uint32(bits)))
+    seen = []
+
+    class Small(armplane.Controller):
+        def control(self, tick, estimate, singularity, state, torque):
+            seen.append(5e-324 * torque.tau[1] if tick else np.float64(1e-308) * np.float64(0.1))
+            torque.tau[0], torque.tau[1] = 1e-310, 1.0
+            torque.phase = armplane.wire.PHASE_DONE if tick == 3 else armplane.wire.PHASE_RUNNING
+
+    before = trial("short.toml", controller=Small)["hash"]
+    try:
+        mode(0x9FC0)
+        after = trial("short.toml", controller=Small)["hash"]
+        assert np.float64(1e-308) * np.float64(0.1) == 0
+    finally:
+        mode(0x1F80)
+    # The controller has the mode of its thread, the run the standard one.
+    assert before == after and seen[0] > 0 and seen[4] == 0
 
 
 def test_a_trial_leaves_the_interpreter_lock():

@@ -166,7 +166,9 @@ pub fn advance(
     to: u64,
 ) -> Result<Option<(Vec<NamedSaved>, Tick)>, Refused> {
     let (mut thread, mut tick) = (
-        thread(robot, scenario, hardware_faults_of(scenario)?, None, |_| true)?,
+        thread(robot, scenario, hardware_faults_of(scenario)?, None, |_| {
+            true
+        })?,
         Tick::default(),
     );
     if !from.is_empty() {
@@ -261,6 +263,7 @@ mod tests {
                 &robot,
                 &scenario,
                 planned_faults(&scenario).unwrap(),
+                None,
                 |_| true,
             )
         };

@@ -140,8 +140,7 @@ impl<'a> Trial<'a> {
             }
         };
         let controller = controller.map(|step| -> Box<dyn Step> { step });
-        let ended =
-            chain::run_under_faults(self.robot, &self.scenario, controller, &mut take)?;
+        let ended = chain::run_under_faults(self.robot, &self.scenario, controller, &mut take)?;
         while let Some(row) = assembler.rest() {
             each(&row);
         }
@@ -156,7 +155,9 @@ impl<'a> Trial<'a> {
         let graph = load::graph_of(&self.scenario, None)?;
         let scenario = self.scenario.clone();
         let job = load::job(self.robot, scenario, graph, Mode::Lockstep, "".into());
-        self.shown(controller, |ticks| viz::signals(&job, self.robot, ticks).map_err(Failure::work))
+        self.shown(controller, |ticks| {
+            viz::signals(&job, self.robot, ticks).map_err(Failure::work)
+        })
     }
 
     /// Runs it on a thread of its own, and hands its ticks to `show` as they come.

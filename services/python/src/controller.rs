@@ -9,7 +9,8 @@ use pyo3::types::PyDict;
 use session::load::{self, Loaded};
 use shared_types::job::Mode;
 use shared_types::{
-    ControlState, Message, ServoState, SingularityReport, StateEstimate, Target, TorqueCommand, WristForce,
+    ControlState, Message, ServoState, SingularityReport, StateEstimate, Target, TorqueCommand,
+    WristForce,
 };
 
 use crate::floats::Mode as Floats;
@@ -31,12 +32,12 @@ const WRITES: &[Port] = &[
 type Raised = Arc<Mutex<Option<PyErr>>>;
 
 /// A controller that a trial runs.
-pub(crate) struct Led {
+pub(crate) struct Handle {
     process: Py<PyAny>,
     raised: Raised,
 }
 
-impl Led {
+impl Handle {
     /// Ends it after its run.
     ///
     /// # Errors
@@ -66,7 +67,7 @@ pub(crate) struct Controller {
 
 impl Controller {
     /// Starts a controller of a class for a scenario.
-    pub(crate) fn new(class: &Bound<'_, PyAny>, loaded: &Loaded) -> PyResult<(Self, Led)> {
+    pub(crate) fn new(class: &Bound<'_, PyAny>, loaded: &Loaded) -> PyResult<(Self, Handle)> {
         let (robot, scenario) = (&loaded.robot, loaded.scenario.clone());
         let start = robot.start_posture(&scenario.start).map_err(refused)?;
         let mjcf = robot.to_mjcf(scenario.frame(), &start);
@@ -74,8 +75,9 @@ impl Controller {
         let job = load::job(robot, scenario, graph, Mode::Lockstep, "".into());
         let job = serde_json::to_string(&job).map_err(refused)?;
         let within = class.py().import("armplane.within")?;
-        let (process, answer, messages): (_, _, Bound<'_, PyDict>) =
-            within.call_method1("begin", (class, job, mjcf))?.extract()?;
+        let (process, answer, messages): (_, _, Bound<'_, PyDict>) = within
+            .call_method1("begin", (class, job, mjcf))?
+            .extract()?;
         let own = |ports: &[Port]| -> PyResult<Vec<Place>> {
             let place = |port: &Port| -> PyResult<Option<Place>> {
                 let bytes = messages.get_item(port.topic)?;
@@ -83,9 +85,12 @@ impl Controller {
                 let bytes = bytes.transpose()?;
                 Ok(bytes.map(|bytes| (*port, bytes)))
             };
-            ports.iter().filter_map(|port| place(port).transpose()).collect()
+            ports
+                .iter()
+                .filter_map(|port| place(port).transpose())
+                .collect()
         };
-        let led = Led {
+        let handle = Handle {
             process,
             raised: Arc::default(),
         };
@@ -93,22 +98,21 @@ impl Controller {
             answer,
             inputs: own(READS)?,
             outputs: own(WRITES)?,
-            raised: Arc::clone(&led.raised),
+            raised: Arc::clone(&handle.raised),
             floats: Floats::of_thread(),
         };
-        Ok((controller, led))
+        Ok((controller, handle))
     }
 
     /// Gives it the messages of a tick, and takes its own.
-    fn tick(
-        &self,
-        py: Python<'_>,
-        inputs: &Inputs<'_>,
-        outputs: &mut Outputs<'_>,
-    ) -> PyResult<()> {
+    fn tick(&self, py: Python<'_>, inputs: &Inputs<'_>, outputs: &mut Outputs<'_>) -> PyResult<()> {
         for (port, place) in &self.inputs {
             if let Some(message) = inputs.bytes(port.topic) {
-                place.bind(py).readwrite().as_slice_mut()?.copy_from_slice(message);
+                place
+                    .bind(py)
+                    .readwrite()
+                    .as_slice_mut()?
+                    .copy_from_slice(message);
             }
         }
         self.floats
@@ -120,7 +124,8 @@ impl Controller {
             out.copy_from_slice(place.bind(py).readonly().as_slice()?);
             if let Some(field) = (port.not_finite)(out) {
                 let (topic, tick) = (port.topic, inputs.tick);
-                let why = format!("the controller's `{topic}` of tick {tick}: {field} is not finite");
+                let why =
+                    format!("the controller's `{topic}` of tick {tick}: {field} is not finite");
                 return Err(refused(why));
             }
         }

@@ -112,9 +112,9 @@ fn under<T: Send>(
     loaded: &Loaded,
     run: impl FnOnce(lab::trial::Controller) -> T + Send,
 ) -> PyResult<T> {
-    let (controller, led) = Controller::new(class, loaded)?;
+    let (controller, handle) = Controller::new(class, loaded)?;
     let done = alone(class.py(), || run(Box::new(controller)));
-    led.end(class.py()).map(|()| done)
+    handle.end(class.py()).map(|()| done)
 }
 
 fn trial(loaded: &Loaded) -> Trial<'_> {
