@@ -16,14 +16,15 @@ use shared_types::{
 use crate::floats::Mode as Floats;
 use crate::refused;
 
+/// Those of them that the graph has; as in a process of others, there is no tick without all.
 const READS: &[Port] = &[
     Port::of::<StateEstimate>(),
-    Port::optional::<SingularityReport>(),
-    Port::optional::<Target>(),
-    Port::optional::<WristForce>(),
+    Port::of::<SingularityReport>(),
+    Port::of::<Target>(),
+    Port::of::<WristForce>(),
 ];
 const WRITES: &[Port] = &[
-    Port::optional::<ServoState>(),
+    Port::of::<ServoState>(),
     Port::of::<ControlState>(),
     Port::of::<TorqueCommand>(),
 ];
