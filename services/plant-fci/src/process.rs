@@ -56,8 +56,9 @@ pub(crate) fn run(
         let tau = cycle.step(&now, torques.arriving(tick, source.deadline_ns())?);
         log_drive(tick, before, cycle.drive());
         if cycle.is_over() {
+            let rates = control.finish(tick, tau)?;
             source.finish()?;
-            return Ok(report(&control.finish(tick, tau)?));
+            return Ok(report(&rates));
         }
         let sent = control.send(tick, tau);
         (now, passed) = match sent.and_then(|()| control.next(tick + 1)) {

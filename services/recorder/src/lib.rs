@@ -197,7 +197,8 @@ impl<'a> Recorder<'a> {
             topics
                 .iter_mut()
                 .try_for_each(|Topic { channel, collector }| {
-                    collector.collect(|message| waiting.push((*channel, message.to_vec())))
+                    let keep = |message: &[u8]| waiting.push((*channel, message.to_vec()));
+                    collector.collect(keep).map(drop)
                 })
         })?;
         self.book.record.place();
@@ -215,10 +216,15 @@ impl<'a> Recorder<'a> {
         let closed = shell.closed_by_all();
         let book = &mut self.book;
         for Topic { channel, collector } in &mut self.topics {
-            collector.collect(|message| book.take(*channel, message))?;
+            if !collector.collect(|message| book.take(*channel, message))? {
+                shell.has_missed();
+            }
         }
         self.keep_cut(closed);
-        shell.has_taken_in();
+        if shell.mode() == Mode::Lockstep {
+            // In real time when the chunk is written: the end of the run waits for that.
+            shell.has_taken_in();
+        }
         // Before the ticks in which it shows: their words name it.
         self.faults.report(shell, &job.graph, &mut self.book.record);
         self.book.judge_ready();

@@ -152,6 +152,9 @@ impl Context {
             if self.is_stopping() || !matches!(found, Ok(None)) {
                 break found.map(|found| found.map_or(Waited::Stopped, Waited::Ready));
             }
+            if !is_first_look && let Err(error) = self.meet_readers() {
+                break Err(error);
+            }
             let mut sleep_ns = None;
             // Without a deadline the clock is only read after a first sleep without a message: the usual hop does without it.
             if deadline_ns.is_some() || !is_first_look {
@@ -191,6 +194,15 @@ impl Context {
         };
         doorbell.disarm();
         ended
+    }
+
+    /// In real time: gives a reader that was started again what it has missed. Otherwise only the next message does, and after the last tick none comes.
+    fn meet_readers(&self) -> Result<(), Interrupted> {
+        if self.is_lockstep() {
+            return Ok(());
+        }
+        let outlets = self.attached.outlets.borrow();
+        outlets.iter().try_for_each(|outlet| outlet.connect(self))
     }
 
     /// The wait has ended, because the process has looked out.

@@ -12,6 +12,9 @@ use crate::wait::Interrupted;
 /// call.
 const USAGE_EVERY: u64 = 64;
 
+/// In real time, the longest that the end of a run waits for a recorder, or its replacement, to read the last ticks; ns. Less than a process waits for a message.
+const LONGEST_NS: u64 = 6_000_000_000;
+
 /// Gives out one tick after the other.
 ///
 /// In lockstep each at once, unless the recorder lags too far. In real time on absolute deadlines t₀ + k·T: after an overrun the phase
@@ -113,14 +116,15 @@ impl TickSource {
     }
 
     /// Ends the run: without this, the end of the process that makes the ticks is a death. Waits until every process outside the loop has closed the ticks
-    /// given out, so that none is stopped in the middle of them; in real time no process is waited for.
+    /// given out, so that none is stopped in the middle of them; in real time only for the recorder, which could not read later what it has not read yet.
     ///
     /// # Errors
-    /// When one of them closes nothing within the limit.
+    /// In lockstep, when one of them closes nothing within the limit.
     pub fn finish(&self) -> Result<(), Interrupted> {
         let context = &self.context;
-        if context.is_lockstep() {
-            context.wait_for_end(self.next_tick)?;
+        match context.is_lockstep() {
+            true => context.wait_for_end(self.next_tick)?,
+            false => context.wait_for_record(self.next_tick, now_ns() + LONGEST_NS)?,
         }
         context.entry().set_state(State::Done);
         Ok(())

@@ -29,11 +29,13 @@ impl Collector {
         }
     }
 
-    /// Hands over all messages that are there, oldest first.
+    /// Hands over all messages that are there, oldest first. `false`: not the newest that had been sent, for a writer has not met this reader yet.
     ///
     /// # Errors
     /// When iceoryx2 fails.
-    pub fn collect(&mut self, mut take: impl FnMut(&[u8])) -> Result<(), Interrupted> {
+    pub fn collect(&mut self, mut take: impl FnMut(&[u8])) -> Result<bool, Interrupted> {
+        let Inlet { shared, topic, .. } = &self.inlet;
+        let newest = shared.control_page.topic(*topic).newest();
         while let Some(message) = self.inlet.receive_any()? {
             let tick = message.tick();
             if tick >= self.from && self.inlet.admits(&message) {
@@ -41,7 +43,7 @@ impl Collector {
                 take(&message);
             }
         }
-        Ok(())
+        Ok(self.last >= newest)
     }
 
     /// Counts a message of a tick.

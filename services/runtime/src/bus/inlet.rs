@@ -16,7 +16,7 @@ pub(crate) struct Inlet {
     receiver: Rc<Receiver>,
     writer: Option<usize>,
     /// The topic's line on the control page.
-    topic: usize,
+    pub(super) topic: usize,
     /// How many messages the topic had seen, as its writers count them, when the buffer was empty but for what has been received since.
     empty_at: Option<u64>,
     /// Messages sent before this reader joined may still come, the last to a replacement in real time: those received are not those counted since.

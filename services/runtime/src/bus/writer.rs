@@ -12,9 +12,10 @@ use shared_types::topics::TOPICS;
 use shared_types::wire::Header;
 
 use crate::bus::port::{Outgoing, Sender};
-use crate::context::Context;
+use crate::context::{Connect, Context};
 use crate::control_page::Count;
 use crate::control_page::latest::{Part, shown};
+use crate::wait::Interrupted;
 
 /// Why a message was not sent.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -188,6 +189,12 @@ impl<M: Message> Writer<M> {
     /// When a number in it is not finite (counted; nothing is sent), or iceoryx2 fails.
     pub fn send(&mut self) -> Result<(), SendError> {
         self.0.send()
+    }
+}
+
+impl Connect for Sending {
+    fn connect(&self, shared: &Context) -> Result<(), Interrupted> {
+        self.sender.connect(shared)
     }
 }
 

@@ -71,22 +71,33 @@ impl Context {
         self.wait_until_none(
             || self.holds_back(tick),
             &format_args!("its turn to begin tick {tick}"),
+            None,
         )
     }
 
     /// In lockstep: waits until all processes outside the loop have closed the ticks before this one.
-    pub(crate) fn wait_for_end(&self, tick: u64) -> Result<bool, Interrupted> {
+    pub(crate) fn wait_for_end(&self, tick: u64) -> Result<(), Interrupted> {
         let last = tick.saturating_sub(1);
-        self.wait_until_none(
-            || self.unfinished(tick),
-            &format_args!("the end of tick {last}"),
-        )
+        let what = format_args!("the end of tick {last}");
+        self.wait_until_none(|| self.unfinished(tick), &what, None)
+            .map(drop)
+    }
+
+    /// In real time: waits until those that only read have taken in the ticks before this one, at most until a time. One that has died is replaced meanwhile.
+    pub(crate) fn wait_for_record(&self, tick: u64, until_ns: u64) -> Result<(), Interrupted> {
+        let has_unread = |index: &usize| {
+            self.manifest.processes[*index].is_polled() && self.closed(*index) < tick
+        };
+        let laggard = || (0..self.manifest.processes.len()).find(has_unread);
+        self.wait_until_none(laggard, &format_args!("the record"), Some(until_ns))
+            .map(drop)
     }
 
     fn wait_until_none(
         &self,
         laggard: impl Fn() -> Option<usize>,
         what: &std::fmt::Arguments<'_>,
+        until_ns: Option<u64>,
     ) -> Result<bool, Interrupted> {
         let describe = || Wait {
             what: what.to_string(),
@@ -94,7 +105,7 @@ impl Context {
                 self.manifest.processes[index].name.clone()
             }),
         };
-        let is_over = self.wait(PROGRESS, None, describe, || {
+        let is_over = self.wait(PROGRESS, until_ns, describe, || {
             self.learn();
             Ok(laggard().is_none().then_some(()))
         })?;
