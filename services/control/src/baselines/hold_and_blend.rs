@@ -13,7 +13,7 @@ use super::resolved_rate::{Inverse, JointMemory};
 use crate::law::Torques;
 use crate::limits::Parts;
 use crate::linear::{Jacobian, Joints, Vector6, rotation_log, sign, stack, symmetric_eigen};
-use crate::reference::bounded;
+use crate::reference::error::bounded;
 use crate::types::Refusal;
 use model::{Model, Pose, TaskAxes, unit_scaled};
 use nalgebra::{Cholesky, Const, SMatrix, SVector};

@@ -4,7 +4,7 @@ use super::Arm;
 use crate::law::Torques;
 use crate::limits::Parts;
 use crate::linear::{Jacobian, Joints, Vector6, displaced, rotation_log, stack, symmetric_eigen};
-use crate::reference::bounded;
+use crate::reference::error::bounded;
 use crate::types::Refusal;
 use model::unit_scaled;
 use nalgebra::{Matrix6, SMatrix};
