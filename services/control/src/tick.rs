@@ -98,7 +98,7 @@ fn tick<const N: usize>(
     let mut state = *before;
     let mut motion = reference::motion(setup, &mut state, now);
     if !setup.forces.are_none() {
-        force::step(setup, &mut state, now, &mut motion)?;
+        force::control(setup, &mut state, now, &mut motion)?;
     }
     let rows = singular_rows::engaged(setup, &mut state, now, &motion)?;
     let torques = law::torques(setup, &mut state, now, &motion, &rows)?;

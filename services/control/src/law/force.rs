@@ -543,7 +543,7 @@ fn pressing_row<const N: usize>(terms: &Terms<N>, e: &Vector3) -> Joints<N> {
 /// [`Refusal::Contact`] where nothing is met, [`Refusal::Bounce`] where the hand is thrown off again and again, [`Refusal::Pressing`] where the force does not
 /// come about; [`Refusal::Singular`] of a mass matrix that has no inverse.
 #[inline(never)]
-pub(crate) fn step<const N: usize>(
+pub(crate) fn control<const N: usize>(
     setup: &Setup<N>,
     state: &mut State<N>,
     now: &Now<'_, N>,

@@ -322,7 +322,7 @@ fn by_type<const N: usize>(
                 0 => at.roomier(side),
                 branch => branch,
             };
-            type_1::target(&fold, s.inside, branch, memory)
+            type_1::on_side(&fold, s.inside, branch, memory)
         }),
         Class::Type2 | Class::Mixed => family.direction(at, memory).unwrap_or_else(type_2::held),
         Class::Unknown => type_2::held(),
