@@ -43,7 +43,7 @@ pub mod auxiliary;
 pub(crate) mod force;
 pub(crate) mod singular_rows;
 
-use crate::baselines::{self, hold_and_blend, resolved_rate};
+use crate::baselines;
 use crate::centre::AtCentre;
 use crate::controller::Setup;
 use crate::limits::Parts;
@@ -79,27 +79,11 @@ pub(crate) fn torques<const N: usize>(
         grad_V_0: setup.postures.gradient(setup, state, now, motion),
         k_vq: control.k_vq(),
     };
-    let memory = &mut state.joint_memory;
-    let arm = &baselines::Arm {
-        setup,
-        now,
-        motion,
-        problem,
-    };
     let torques = match control.strategy {
         Strategy::Blended | Strategy::ChangKhatib => solve(problem, rows.engaged()),
         Strategy::OperationalSpace | Strategy::DynamicallyConsistent => solve(problem, &[]),
         Strategy::PseudoInverse => baselines::pseudo_inverse(problem),
-        Strategy::DampedLeastSquares => resolved_rate::resolved(
-            arm,
-            resolved_rate::Inverse::Damped(control.baseline.damped_least_squares),
-        ),
-        Strategy::TruncatedSvd => resolved_rate::resolved(
-            arm,
-            resolved_rate::Inverse::Truncated(control.baseline.truncated_svd_floor),
-        ),
-        Strategy::HoldAndBlend => hold_and_blend::torques(arm, memory),
-        Strategy::JointPd => resolved_rate::joint_pd(arm, memory),
+        Strategy::DampedLeastSquares => Ok(baselines::resolved_rate(setup, now, motion, problem)),
     }?;
     state.qdot_planned = torques.qdot_nominal * motion.clock;
     Ok(torques)
