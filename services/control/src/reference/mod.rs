@@ -76,10 +76,7 @@ pub(crate) fn motion<const N: usize>(
     let boundary = clips.then(|| boundary::nearest(&setup.task, now, &off));
     let boundary = boundary.flatten();
     if let Some(boundary) = &boundary {
-        a_feed = boundary.acceleration(&a_feed, &desired.V);
-        desired.a = boundary.acceleration(&desired.a, &desired.V);
-        desired.V = boundary.velocity(&desired.V);
-        V_nominal = boundary.velocity(&V_nominal);
+        boundary.lead(&mut desired, &mut V_nominal, &mut a_feed);
     }
     let [error, lag] = about_E([off, desired.V - V], now);
     // The distance to a goal beyond reach along a lost direction must not take from the answer across it.
