@@ -209,7 +209,7 @@ wire! {
 
 wire! {
     /// State of the controller after a tick.
-    ControllerCheckpoint checkpoint version 9 {
+    ControllerCheckpoint checkpoint version 10 {
         /// Index of the task segment; the number of segments once the path is finished.
         segment: u32,
         /// 1 once the segment's goal has been fixed.
@@ -242,14 +242,6 @@ wire! {
         turn_dq: [f64; MAX_DOF],
         /// Planned duration of the turn, 0 before it begins; s.
         turn_s: f64,
-        /// Positions held, or reference positions, of laws that work on joints; rad.
-        joint_q: [f64; MAX_DOF],
-        /// Ticks that spoke for Type 1 less those for Type 2, of the hold-and-blend law.
-        joint_votes: f64,
-        /// 1 while `joint_q` is held.
-        joint_holding: u32,
-        /// Bit i: joint i is pushed downwards.
-        joint_reversed: u32,
         /// One of `codes::REFUSALS`.
         refusal: u32,
         /// Ticks in a row for which the estimate has been set aside.
@@ -302,9 +294,9 @@ mod tests {
                 0xd183_645a_d89c_2cda,
             ),
             (
-                "armplane.ControllerCheckpoint.v9",
-                4016,
-                0x6519_8f9a_748f_933c,
+                "armplane.ControllerCheckpoint.v10",
+                3936,
+                0xa4ee_c5c5_17e2_0918,
             ),
         ];
         assert_eq!(

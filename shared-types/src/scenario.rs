@@ -35,7 +35,7 @@ use crate::graph::Graph;
 use crate::topics::{PRESSING, STEERED};
 
 pub use analysis::{Analysis, BySingularity};
-pub use control::{Baseline, Control, Damping, HoldAndBlend, Strategy};
+pub use control::{Baseline, Control, Damping, Strategy};
 pub use curve::{AXES, Arc, Axis, Frame, Points, Table};
 pub use force::{Direction, Force, Moment, Surface};
 pub use mount::{Mount, Payload, Push, Tool};

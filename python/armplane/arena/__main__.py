@@ -116,7 +116,7 @@ def entries(names):
                 continue
             entry = Entry(title, str(file), False, about, settings)
         elif strategy in armplane.laws(all=True):
-            entry = Entry(title, strategy, True, settings={**DATA["published"].get(name, {}), **settings})
+            entry = Entry(title, strategy, True, settings=settings)
         else:
             refuse(f"there is no law {name}: give NAME=FILE.py for a file of yours, or one of {', '.join([*DATA['own'], *OPPONENTS, *armplane.laws()])}")
         if title in found:

@@ -12,14 +12,11 @@ use crate::setup::SetupError;
 use crate::singularity::analyzer::Analyzer;
 use crate::singularity::family::Family;
 use crate::state::State;
-use crate::types::{Kind, Refusal, Singularity};
+use crate::types::Refusal;
 use model::{Model, Robot};
 use shared_types::ControllerCheckpoint;
 use shared_types::scenario::Scenario;
 use std::cell::Cell;
-
-/// Share of a joint's speed that the self-motion at a singularity may take.
-const JOINT_SHARE: f64 = 0.5;
 
 /// What does not change from tick to tick: the arm, its task, and the terms on which it is followed.
 #[derive(Clone, Debug)]
@@ -36,55 +33,6 @@ pub(crate) struct Setup<const N: usize> {
     pub(crate) guide: Guide<N>,
     /// Forces of the segments.
     pub(crate) forces: Forces,
-}
-
-impl<const N: usize> Setup<N> {
-    /// Whether the singularity at a place of the report has codimension two or more.
-    pub(crate) fn has_higher_codimension(&self, place: usize) -> bool {
-        let first = self.family.first_of_higher_codimension();
-        first.is_some_and(|first| place >= first)
-    }
-
-    /// Largest auxiliary acceleration, rad/s².
-    pub(crate) fn slew(&self, place: usize, s: &Singularity<N>) -> f64 {
-        let stated = self.scenario.control.aux_slew.of(self.rate_kind(s));
-        if self.has_higher_codimension(place) {
-            stated
-        } else {
-            stated / self.largest_share(s)
-        }
-    }
-
-    /// The name whose rates hold: a rotation that is lost turns like a wrist, whatever its name.
-    fn rate_kind(&self, s: &Singularity<N>) -> u32 {
-        let is_wrist = s.kind == Kind::Numeric && s.angular && !self.family.measures_vectors();
-        if is_wrist { Kind::Wrist } else { s.kind }.code()
-    }
-
-    /// The largest share of a joint in the coordinate: rates are stated for the joint that moves most, whatever the coordinate counts.
-    fn largest_share(&self, s: &Singularity<N>) -> f64 {
-        if self.family.is_tracked() {
-            s.aux_row.amax().clamp(1e-3, 1.0)
-        } else {
-            1.0
-        }
-    }
-
-    /// Largest auxiliary rate, rad/s: the scenario's, and for the self-motion of an arm with spare joints a share of what the joints have.
-    #[inline]
-    pub(crate) fn rate_max(&self, place: usize, s: &Singularity<N>) -> f64 {
-        let stated = self.scenario.control.aux_rate_max.of(self.rate_kind(s));
-        if !self.has_higher_codimension(place) {
-            return stated / self.largest_share(s);
-        }
-        // As fast as a joint may be where only it moves.
-        let (most, size) = (
-            JOINT_SHARE * self.model.velocity(),
-            s.aux_row.norm_squared().max(1e-12),
-        );
-        let of = |i: usize| most[i] * size / s.aux_row[i].abs().max(1e-9);
-        (0..N).fold(stated, |least, i| least.min(of(i)))
-    }
 }
 
 /// The control law of one arm and one task.

@@ -9,7 +9,7 @@
 //! # Modules
 //! | module | content |
 //! |---|---|
-//! | [`tick`] | one tick: state in, state out, in six calls |
+//! | [`tick`] | one tick: state in, state out, in seven calls |
 //! | [`reference`] | step 1: a path, targets given at this moment (+), a commanded turn of ζ |
 //! | [`law`] | steps 2 and 3: the problem on one page, the singular rows, one solve for every strategy |
 //! | [`paper`] | Eq. 1 to 5, Type 1, Type 2, the switching table |

@@ -25,12 +25,6 @@ pub fn unit<const N: usize>(i: usize) -> Joints<N> {
     Joints::from_fn(|k, _| if k == i { 1.0 } else { 0.0 })
 }
 
-/// The largest of |v_i|/limit_i, 0 where there is none.
-#[inline]
-pub fn largest_share<const N: usize>(v: &Joints<N>, limits: &Joints<N>) -> f64 {
-    (0..N).fold(0.0, |share, i| share.max(v[i].abs() / limits[i]))
-}
-
 /// How many singular values of an `R`×`C` matrix are above `tolerance` of its norm ‖M‖ = √Σσ².
 ///
 /// They are the eigenvalues of MMᵀ − (tolerance·‖M‖)²·1 above zero, and those are as many as the positive pivots of its factors L·D·Lᵀ: Sylvester's

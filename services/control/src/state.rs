@@ -1,6 +1,5 @@
 //! The controller's state from tick to tick.
 
-use crate::baselines::resolved_rate::JointMemory;
 use crate::law::auxiliary::Loop;
 use crate::law::force::Pressing;
 use crate::limits::clock::Clock;
@@ -26,7 +25,6 @@ pub(crate) struct State<const N: usize> {
     pub(crate) loops: [Loop; MAX_SINGULARITIES],
     pub(crate) turn: Turn<N>,
     pub(crate) refusal: Refusal,
-    pub(crate) joint_memory: JointMemory<N>,
     /// Torque of the tick before.
     pub(crate) sent: Sent<N>,
     /// Joint velocities that the path needs, rad/s.
@@ -47,7 +45,6 @@ impl<const N: usize> State<N> {
             loops: [Loop::default(); MAX_SINGULARITIES],
             turn: Turn::none(),
             refusal: Refusal::None,
-            joint_memory: JointMemory::at(q_start),
             sent,
             qdot_planned: Joints::zeros(),
             plausible: Plausible::unknown(),
@@ -64,7 +61,6 @@ impl<const N: usize> State<N> {
             loops,
             turn,
             refusal,
-            joint_memory,
             sent,
             qdot_planned,
             plausible,
@@ -88,10 +84,6 @@ impl<const N: usize> State<N> {
             turn_angle: turn.angle,
             turn_dq: padded(&turn.by),
             turn_s: turn.duration_s,
-            joint_q: padded(&joint_memory.q),
-            joint_votes: joint_memory.votes,
-            joint_holding: u32::from(joint_memory.holding),
-            joint_reversed: joint_memory.reversed,
             refusal: refusal.code(),
             rejected_ticks: plausible.rejected_ticks,
             plausible: u32::from(plausible.known),
@@ -143,12 +135,6 @@ impl<const N: usize> State<N> {
                 duration_s: from.turn_s,
             },
             refusal,
-            joint_memory: JointMemory {
-                holding: from.joint_holding != 0,
-                votes: from.joint_votes,
-                reversed: from.joint_reversed,
-                q: joints(&from.joint_q),
-            },
             sent: Sent::restored(
                 [&from.tau, &from.tau_path, &from.tau_null].map(joints),
                 limits,

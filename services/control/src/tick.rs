@@ -8,7 +8,7 @@ use crate::command;
 use crate::controller::{Controller, Setup};
 use crate::law::{self, force, singular_rows};
 use crate::limits::plausible::{self, Plausible};
-use crate::limits::{self, Parts, clock};
+use crate::limits::{self, Kept, Parts, clock};
 use crate::linear::{Joints, Vector3, Vector6, is_finite};
 use crate::plan::beyond_reach;
 use crate::reference::guide::Planned;
@@ -81,8 +81,8 @@ pub(crate) struct Motion<const N: usize> {
     pub(crate) feedback: Vector6,
     /// Operational acceleration a* at C.
     pub(crate) a: Vector6,
-    /// Along a force's axis: how far beyond the path the force leads the hand, base axes, m.
-    pub(crate) off_path: Vector3,
+    /// Along a force's axis: how far beyond the path the force leads the hand, base axes, m and rad.
+    pub(crate) off_path: Vector6,
 }
 
 /// The tick. Each step is the file or folder that it names; what it finds on its way it leaves in the state of the next tick.
@@ -98,15 +98,14 @@ fn tick<const N: usize>(
     let mut state = *before;
     let mut motion = reference::motion(setup, &mut state, now);
     if !setup.forces.are_none() {
-        force::step(setup, &mut state, now, &mut motion)?;
+        force::control(setup, &mut state, now, &mut motion)?;
     }
     let rows = singular_rows::engaged(setup, &mut state, now, &motion)?;
     let torques = law::torques(setup, &mut state, now, &motion, &rows)?;
-    let limited = limits::apply(setup, &mut state, now, &motion, &torques)?;
+    let Kept { limited, load } =
+        limits::apply(setup, &mut state, now, &motion, &torques, rows.load)?;
     let command = command::running(setup, &state, now, &motion, &rows, &limited);
-    clock::step(
-        setup, &mut state, now, &motion, &torques, rows.load, &limited,
-    );
+    clock::step(setup, &mut state, &load, &limited);
     Ok((state, command))
 }
 

@@ -1,7 +1,7 @@
 //! The analyzer's report and the controller's command, sized by the arm; `wire` turns both into messages.
 
 use crate::limits::torque::Limited;
-use crate::linear::{Joints, Matrix3, Vector3, Vector6, half_of};
+use crate::linear::{Joints, Matrix3, Vector3, Vector6};
 use crate::paper::neighborhood::Neighborhood;
 use model::Pose;
 use shared_types::{MAX_SINGULARITIES, ServoState, codes};
@@ -177,7 +177,7 @@ pub struct Singularity<const N: usize> {
 impl<const N: usize> Singularity<N> {
     /// The unit vector of ζ_i: an axis of rotation if `angular`, else a direction of translation.
     pub fn axis(&self) -> Vector3 {
-        half_of(&self.zeta_B, self.angular)
+        self.R_BS.column(0).into_owned()
     }
 
     /// The coordinate whose sign is the side of a lock. An elbow's s_i has the same sign on both sides of some arms' folds; its own coordinate has not.

@@ -239,16 +239,10 @@ mod tests {
 
     #[test]
     fn a_near_word_is_found_and_a_far_one_is_not() {
-        const LAWS: [&str; 4] = [
-            "blended",
-            "damped-least-squares",
-            "operational-space",
-            "joint-pd",
-        ];
-        let cases: [(&str, &[&str], Option<&str>); 12] = [
+        const LAWS: [&str; 3] = ["blended", "damped-least-squares", "operational-space"];
+        let cases: [(&str, &[&str], Option<&str>); 11] = [
             ("dls", &LAWS, Some("damped-least-squares")),
             ("osc", &LAWS, Some("operational-space")),
-            ("pd", &LAWS, Some("joint-pd")),
             ("hand", &["base", "world", "start", "tool"], Some("tool")),
             (
                 "hand",

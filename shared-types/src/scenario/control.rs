@@ -71,12 +71,6 @@ impl Default for Control {
 pub struct Baseline {
     /// Damping of `damped-least-squares`.
     pub damped_least_squares: Damping,
-    /// Damping of the inverse kinematics that `joint-pd` follows.
-    pub joint_pd: Damping,
-    /// `truncated-svd` drops directions with a smaller singular value (J scaled to unit length).
-    pub truncated_svd_floor: f64,
-    /// Settings of `hold-and-blend`.
-    pub hold_and_blend: HoldAndBlend,
 }
 
 /// λ² = largest² · (1 − w/onset)² if the manipulability w (J scaled to unit length) is below
@@ -90,24 +84,6 @@ pub struct Damping {
     pub largest: f64,
 }
 
-/// Settings of `hold-and-blend`. Published values: blend 0.006 and 0.06, hold_k_p = 50, hold_k_v =
-/// 14, push = 0.01, push_k_v = 5.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct HoldAndBlend {
-    /// Two ratios of smallest to largest singular value. Below the first, only the joint strategy
-    /// acts; above the second, only the task.
-    pub blend: [f64; 2],
-    /// Stiffness of the held joints (Type 1); 1/s².
-    pub hold_k_p: f64,
-    /// Damping of the held joints (Type 1); 1/s.
-    pub hold_k_v: f64,
-    /// Open-loop torque (Type 2), as a share of the joint's limit.
-    pub push: f64,
-    /// Damping of the motion under the open-loop torque; 1/s.
-    pub push_k_v: f64,
-}
-
 impl Default for Baseline {
     fn default() -> Self {
         Self {
@@ -115,24 +91,6 @@ impl Default for Baseline {
                 onset: 0.02,
                 largest: 0.005,
             },
-            joint_pd: Damping {
-                onset: 0.16,
-                largest: 0.01,
-            },
-            truncated_svd_floor: 0.005,
-            hold_and_blend: HoldAndBlend::default(),
-        }
-    }
-}
-
-impl Default for HoldAndBlend {
-    fn default() -> Self {
-        Self {
-            blend: [0.001, 0.004],
-            hold_k_p: 50.0,
-            hold_k_v: 14.0,
-            push: 0.01,
-            push_k_v: 5.0,
         }
     }
 }
@@ -148,12 +106,6 @@ words! {
         OperationalSpace "operational-space",
         /// Damped least squares (Nakamura & Hanafusa 1986).
         DampedLeastSquares "damped-least-squares",
-        /// Truncated singular value decomposition.
-        TruncatedSvd "truncated-svd",
-        /// Hold-and-blend, as published for Stanford's SAI.
-        HoldAndBlend "hold-and-blend",
-        /// PD control in joint space, on top of inverse kinematics.
-        JointPd "joint-pd",
         /// Posture control in the null space of the pseudo-inverse (Fig. 1).
         PseudoInverse "pseudo-inverse",
         /// Posture control in the dynamically consistent null space (Fig. 2).
@@ -185,28 +137,13 @@ impl Control {
     }
 
     pub(super) fn check(&self) -> Result<(), Complaint> {
-        let Baseline {
-            damped_least_squares: damping,
-            joint_pd,
-            truncated_svd_floor,
-            hold_and_blend: hold,
-        } = &self.baseline;
-        let [low, high] = hold.blend;
+        let damping = &self.baseline.damped_least_squares;
         for (name, value) in [
             ("k_p", self.k_p),
             ("k_v", self.k_v),
             ("k_aux", self.k_aux),
             ("baseline.damped_least_squares.onset", damping.onset),
             ("baseline.damped_least_squares.largest", damping.largest),
-            ("baseline.joint_pd.onset", joint_pd.onset),
-            ("baseline.joint_pd.largest", joint_pd.largest),
-            ("baseline.truncated_svd_floor", *truncated_svd_floor),
-            ("baseline.hold_and_blend.blend.0", low),
-            ("baseline.hold_and_blend.blend.1", high - low),
-            ("baseline.hold_and_blend.hold_k_p", hold.hold_k_p),
-            ("baseline.hold_and_blend.hold_k_v", hold.hold_k_v),
-            ("baseline.hold_and_blend.push", hold.push),
-            ("baseline.hold_and_blend.push_k_v", hold.push_k_v),
         ] {
             positive(&format!("control.{name}"), value)?;
         }

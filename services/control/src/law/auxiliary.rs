@@ -3,11 +3,12 @@
 //! Reduces to the paper's law inside D_si: there β = 0, and the unsaturated loop is the damped potential of the null-space torque, V₀ = ½ k_v K e² with damping
 //! k_v (proof: `inside_a_neighbourhood_the_loop_is_a_damped_potential`). Outside, β = 1 and the loop is not used.
 
+use crate::controller::Setup;
 use crate::linear::smoothstep;
 use crate::paper::reference::{Memory, Target};
 use crate::paper::switching::{self, Condition};
 use crate::paper::type_1::SIDE_CHANGE;
-use crate::types::{Class, Mode, Singularity};
+use crate::types::{Class, Kind, Mode, Singularity};
 use shared_types::checkpoints::LoopCheckpoint;
 
 /// Time constant of the feed-forward's low-pass, s: without it encoder noise becomes torque.
@@ -28,8 +29,11 @@ const FASTEST: f64 = 4.0;
 /// Error along ζ that counts as gone, m or rad.
 const GONE: f64 = 5e-6;
 
+/// Share of a joint's speed that the self-motion at a singularity may take.
+const JOINT_SHARE: f64 = 0.5;
+
 /// Gains and bounds of one auxiliary loop.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Gains {
     /// Position gain, 1/s.
     pub k: f64,
@@ -39,6 +43,38 @@ pub struct Gains {
     pub rate_max: f64,
     /// Largest change of rate, rad/s².
     pub slew: f64,
+}
+
+impl Gains {
+    /// Those of the singularity `s` at a place of the report.
+    ///
+    /// Rates are stated for the joint that moves most, whatever the coordinate counts. The self-motion of an arm with spare joints has a share of the speed
+    /// of its joints at most, as fast as a joint may be where only it moves.
+    #[inline]
+    pub(crate) fn of<const N: usize>(setup: &Setup<N>, place: usize, s: &Singularity<N>) -> Self {
+        let (family, control) = (&setup.family, &setup.scenario.control);
+        // A rotation that is lost turns like a wrist, whatever its name.
+        let is_wrist = s.kind == Kind::Numeric && s.angular && !family.measures_vectors();
+        let kind = if is_wrist { Kind::Wrist } else { s.kind }.code();
+        let (rate, slew) = (control.aux_rate_max.of(kind), control.aux_slew.of(kind));
+        let (rate_max, slew) = if family.has_higher_codimension(place) {
+            let most = JOINT_SHARE * setup.model.velocity();
+            let size = s.aux_row.norm_squared().max(1e-12);
+            let of = |i: usize| most[i] * size / s.aux_row[i].abs().max(1e-9);
+            ((0..N).fold(rate, |least, i| least.min(of(i))), slew)
+        } else if family.is_tracked() {
+            let share = s.aux_row.amax().clamp(1e-3, 1.0);
+            (rate / share, slew / share)
+        } else {
+            (rate, slew)
+        };
+        Self {
+            k: control.k_aux,
+            k_v: control.k_v,
+            rate_max,
+            slew,
+        }
+    }
 }
 
 /// The state of the loop at one singularity.

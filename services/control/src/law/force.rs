@@ -543,7 +543,7 @@ fn pressing_row<const N: usize>(terms: &Terms<N>, e: &Vector3) -> Joints<N> {
 /// [`Refusal::Contact`] where nothing is met, [`Refusal::Bounce`] where the hand is thrown off again and again, [`Refusal::Pressing`] where the force does not
 /// come about; [`Refusal::Singular`] of a mass matrix that has no inverse.
 #[inline(never)]
-pub(crate) fn step<const N: usize>(
+pub(crate) fn control<const N: usize>(
     setup: &Setup<N>,
     state: &mut State<N>,
     now: &Now<'_, N>,
@@ -582,7 +582,7 @@ pub(crate) fn step<const N: usize>(
     // Positions lead the auxiliary coordinates to what is left, which they reach at the rate k_aux.
     let ahead_m = v / setup.scenario.control.k_aux * (1.0 - served);
     let on_path = setup.path.place(&state.progress).moving(0.0, 0.0).p;
-    motion.off_path = e * (felt.place_m - e.dot(&on_path) + ahead_m);
+    motion.off_path = along(felt.place_m - e.dot(&on_path) + ahead_m);
     motion.error += along(ahead_m);
     motion.desired.V -= along(felt.speed) + stack(&turning.cross(&r), &turning);
     Ok(())

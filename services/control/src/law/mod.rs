@@ -43,16 +43,16 @@ pub mod auxiliary;
 pub(crate) mod force;
 pub(crate) mod singular_rows;
 
-use crate::baselines::{self, hold_and_blend, resolved_rate};
+use crate::baselines;
 use crate::centre::AtCentre;
 use crate::controller::Setup;
 use crate::limits::Parts;
-use crate::linear::{Joints, Vector6, angular, largest_share, linear};
+use crate::linear::{Joints, Vector6, angular, linear};
 use crate::paper::operational_space::{Operational, null_torque};
 use crate::paper::singular_frame::orthogonal_rows;
 use crate::state::State;
 use crate::tick::{Motion, Now};
-use crate::types::{Mode, Refusal};
+use crate::types::Refusal;
 use nalgebra::{SMatrix, Vector4};
 use shared_types::scenario::Strategy;
 use singular_rows::SingularRows;
@@ -66,7 +66,7 @@ pub(crate) fn torques<const N: usize>(
     rows: &SingularRows<N>,
 ) -> Result<Torques<N>, Refusal> {
     let control = &setup.scenario.control;
-    let a = bounded_return(setup, state, now, motion);
+    let a = rows.a;
     let problem = &Problem {
         A: &now.terms.A,
         at: now.at,
@@ -79,56 +79,14 @@ pub(crate) fn torques<const N: usize>(
         grad_V_0: setup.postures.gradient(setup, state, now, motion),
         k_vq: control.k_vq(),
     };
-    let memory = &mut state.joint_memory;
-    let arm = &baselines::Arm {
-        setup,
-        now,
-        motion,
-        problem,
-    };
-    match control.strategy {
+    let torques = match control.strategy {
         Strategy::Blended | Strategy::ChangKhatib => solve(problem, rows.engaged()),
         Strategy::OperationalSpace | Strategy::DynamicallyConsistent => solve(problem, &[]),
         Strategy::PseudoInverse => baselines::pseudo_inverse(problem),
-        Strategy::DampedLeastSquares => resolved_rate::resolved(
-            arm,
-            resolved_rate::Inverse::Damped(control.baseline.damped_least_squares),
-        ),
-        Strategy::TruncatedSvd => resolved_rate::resolved(
-            arm,
-            resolved_rate::Inverse::Truncated(control.baseline.truncated_svd_floor),
-        ),
-        Strategy::HoldAndBlend => hold_and_blend::torques(arm, memory),
-        Strategy::JointPd => resolved_rate::joint_pd(arm, memory),
-    }
-}
-
-/// a* whose feedback along a lost direction asks no auxiliary coordinate for more than its largest rate: a hold is left without a leap.
-fn bounded_return<const N: usize>(
-    setup: &Setup<N>,
-    state: &State<N>,
-    now: &Now<'_, N>,
-    motion: &Motion<N>,
-) -> Vector6 {
-    let mut a = motion.a;
-    let Some(first) = setup.family.first_of_higher_codimension() else {
-        return a;
-    };
-    for (place, s) in now.report.listed().iter().enumerate().skip(first) {
-        if state.loops[place].mode == Mode::Regular {
-            continue;
-        }
-        let along = s.zeta_B.dot(&motion.feedback);
-        let most = setup.scenario.control.k_v * s.gain.abs() * setup.rate_max(place, s);
-        // Of finite numbers it is a NaN only where one overflows beside a zero: the check of the torque finds it, and a bound of NaN would be a panic.
-        a -= s.zeta_B
-            * if most.is_nan() {
-                f64::NAN
-            } else {
-                along - along.clamp(-most, most)
-            };
-    }
-    a
+        Strategy::DampedLeastSquares => Ok(baselines::resolved_rate(setup, now, motion, problem)),
+    }?;
+    state.qdot_planned = torques.qdot_nominal * motion.clock;
+    Ok(torques)
 }
 
 /// The share of the acceleration `a` along the twist `V` of the path, metres made radians by the arm's length.
@@ -292,12 +250,4 @@ pub fn solve<const N: usize>(
         qdot_nominal: motions.column(0).into_owned(),
         qddot_path: motions.column(1).into_owned(),
     })
-}
-
-impl<const N: usize> Torques<N> {
-    /// Largest share of a joint's speed limit at full clock speed; `velocity` are the limits, rad/s.
-    #[inline]
-    pub fn speed_share(&self, velocity: &Joints<N>) -> f64 {
-        largest_share(&self.qdot_nominal, velocity)
-    }
 }

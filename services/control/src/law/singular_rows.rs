@@ -4,7 +4,7 @@
 use super::Engaged;
 use super::auxiliary::{Demand, Gains};
 use crate::controller::Setup;
-use crate::linear::{Joints, Vector3, Vector6, linear, sign};
+use crate::linear::{Joints, Vector6, sign};
 use crate::paper::reference::Target;
 use crate::paper::type_1::{self, SIDE_CHANGE};
 use crate::paper::type_2;
@@ -30,6 +30,8 @@ const STEADY: f64 = 0.02;
 pub(crate) struct SingularRows<const N: usize> {
     list: [Engaged<N>; MAX_SINGULARITIES],
     count: usize,
+    /// a* whose feedback along a lost direction asks no auxiliary coordinate for more than its largest rate: a hold is left without a leap.
+    pub(crate) a: Vector6,
     /// Largest share of an auxiliary rate at full clock speed.
     pub(crate) load: f64,
     pub(crate) beta: [f64; MAX_SINGULARITIES],
@@ -39,7 +41,8 @@ pub(crate) struct SingularRows<const N: usize> {
 }
 
 impl<const N: usize> SingularRows<N> {
-    fn none() -> Self {
+    /// None of them: a* is the motion's.
+    fn none(a: Vector6) -> Self {
         let nothing = Engaged {
             zeta_B: Vector6::zeros(),
             gain: 0.0,
@@ -51,6 +54,7 @@ impl<const N: usize> SingularRows<N> {
         Self {
             list: [nothing; MAX_SINGULARITIES],
             count: 0,
+            a,
             load: 0.0,
             beta: [1.0; MAX_SINGULARITIES],
             aux_d: [0.0; MAX_SINGULARITIES],
@@ -80,16 +84,18 @@ pub(crate) fn engaged<const N: usize>(
     let (control, dt_s) = (&setup.scenario.control, setup.scenario.dt_s());
     let ahead = setup.path.ahead(&state.progress, *now.p_EC);
     let planned = state.qdot_planned;
-    let mut out = SingularRows::none();
+    let mut out = SingularRows::none(motion.a);
+    let mut gains = [Gains::default(); MAX_SINGULARITIES];
+    for (i, s) in now.report.listed().iter().enumerate() {
+        gains[i] = Gains::of(setup, i, s);
+    }
     // The motion by which the folds open that come before a singularity.
     let mut opening = Vector6::zeros();
     for (i, s) in now.report.listed().iter().enumerate() {
-        let fold = Opening::of(setup, i, now, motion);
-        let gains = Gains {
-            k: control.k_aux,
-            k_v: control.k_v,
+        let fold = Opening::of(&gains, i, now, motion);
+        let bounds = Gains {
             rate_max: fold.rate_max,
-            slew: setup.slew(i, s),
+            ..gains[i]
         };
         let situation = Situation {
             s,
@@ -102,7 +108,7 @@ pub(crate) fn engaged<const N: usize>(
             error: &motion.error,
             opening: &opening,
             model: &setup.model,
-            rate_max: gains.rate_max,
+            rate_max: bounds.rate_max,
             governed: control.governor,
             clips: motion.clips,
         };
@@ -110,9 +116,10 @@ pub(crate) fn engaged<const N: usize>(
         opening += fold.per_aux * target.error;
         let one = &mut state.loops[i];
         let is_hard = control.strategy == Strategy::ChangKhatib;
-        let demand = one.step(s, &target, &gains, is_hard, (motion.clock, dt_s));
+        let demand = one.step(s, &target, &bounds, is_hard, (motion.clock, dt_s));
+        let is_higher = setup.family.has_higher_codimension(i);
         if control.strategy.is_ours() {
-            let passes = one.mode == Mode::Pass && setup.has_higher_codimension(i);
+            let passes = one.mode == Mode::Pass && is_higher;
             let load = load::<N>(&demand, target.error, motion.planned.is_some(), passes);
             out.load = out.load.max(load);
         }
@@ -120,6 +127,11 @@ pub(crate) fn engaged<const N: usize>(
         out.aux_d[i] = s.aux + target.error * target.weight;
         out.aux_rate_d[i] = one.rate;
         if one.engaged() {
+            if is_higher {
+                let along = s.zeta_B.dot(&motion.feedback);
+                let most = control.k_v * s.gain.abs() * gains[i].rate_max;
+                out.a -= s.zeta_B * beyond(along, most);
+            }
             out.clipped |= target.clipped;
             out.list[out.count] = Engaged {
                 zeta_B: s.zeta_B,
@@ -135,6 +147,16 @@ pub(crate) fn engaged<const N: usize>(
     Ok(out)
 }
 
+/// The part of `x` beyond ± `most`.
+///
+/// Of finite numbers `most` is a NaN only where one overflows beside a zero: the check of the torque finds it, and a bound of NaN would be a panic.
+fn beyond(x: f64, most: f64) -> f64 {
+    if most.is_nan() {
+        return f64::NAN;
+    }
+    x - x.clamp(-most, most)
+}
+
 /// Velocity along a ζ that is lost beside a fold at which the fold may carry the hand, m/s and rad/s: while ζ is turned out of its way, the drift is small.
 const CARRIED: (f64, f64) = (0.002, 0.01);
 
@@ -148,13 +170,13 @@ struct Opening {
 
 impl Opening {
     fn of<const N: usize>(
-        setup: &Setup<N>,
+        gains: &[Gains; MAX_SINGULARITIES],
         place: usize,
         now: &Now<'_, N>,
         motion: &Motion<N>,
     ) -> Self {
         let (s, listed) = (&now.report.singularities[place], now.report.listed());
-        let rate_max = setup.rate_max(place, s);
+        let rate_max = gains[place].rate_max;
         if s.class != Class::Type1 || !s.inside || motion.planned.is_some() {
             let per_aux = Vector6::zeros();
             return Self { per_aux, rate_max };
@@ -167,7 +189,7 @@ impl Opening {
             .filter(|(_, other)| turnable(other));
         let rates = others.map(|(j, other)| {
             let drift = if other.angular { CARRIED.1 } else { CARRIED.0 };
-            let held = other.gain.abs() * setup.rate_max(j, other);
+            let held = other.gain.abs() * gains[j].rate_max;
             (held + drift) / other.zeta_B.dot(&per_aux).abs().max(drift)
         });
         Self {
@@ -210,7 +232,7 @@ fn target<const N: usize>(
                 state.loops[place].memory.side = s.aux.signum();
             }
             let target = setup.guide.target(s, planned, now.q);
-            match motion.off_path == Vector3::zeros() {
+            match motion.off_path == Vector6::zeros() {
                 true => target,
                 false => pressed(setup, state, place, s, target, (now, motion)),
             }
@@ -228,12 +250,7 @@ fn target<const N: usize>(
     };
     // Predicted, and published, before the arm moves.
     if state.turn.duration_s == 0.0 {
-        let room = turn::Room {
-            q: now.q,
-            model: &setup.model,
-            control: &setup.scenario.control,
-        };
-        state.turn = turn::plan(&setup.family, s, angle, leg.duration_s, &room)?;
+        state.turn = turn::plan(setup, now.q, s, angle, leg.duration_s)?;
     }
     let [share, share_rate, _] = setup.path.fraction(&state.progress);
     Ok(state.turn.target(s, share, share_rate, motion.clock))
@@ -263,11 +280,14 @@ fn pressed<const N: usize>(
     };
     let side = &mut state.loops[place].memory.side;
     // A fold of type 1 counts its side by the coordinate, whose slope is −κ₁ times it.
-    let sense = sign(s.class != Class::Type1);
+    let sense = match s.class {
+        Class::Type1 => -1.0,
+        _ => 1.0,
+    };
     if decisive.abs() > SIDE * setup.length_m || *side == 0.0 {
-        *side = sense * sign(decisive >= 0.0);
+        *side = if decisive >= 0.0 { sense } else { -sense };
     }
-    let x = linear(&s.zeta_B).dot(&motion.off_path);
+    let x = s.zeta_B.dot(&motion.off_path);
     let bend = 2.0 * s.kappa_1 * x;
     let wanted = sense * *side * (slope * slope - bend).max(0.0).sqrt();
     let square = |share: f64| (share * setup.length_m) * (share * setup.length_m);
@@ -302,7 +322,7 @@ fn by_type<const N: usize>(
                 0 => at.roomier(side),
                 branch => branch,
             };
-            type_1::target(&fold, s.inside, branch, memory)
+            type_1::on_side(&fold, s.inside, branch, memory)
         }),
         Class::Type2 | Class::Mixed => family.direction(at, memory).unwrap_or_else(type_2::held),
         Class::Unknown => type_2::held(),

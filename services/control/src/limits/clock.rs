@@ -3,16 +3,12 @@
 //! Reduces to the paper's law: at a demand below 0.95 the clock runs at exactly 1 (proof: `a_feasible_path_runs_at_full_clock_speed`).
 
 use super::torque::Limited;
-use super::{range, speed};
 use crate::controller::Setup;
-use crate::law::Torques;
-use crate::linear::{Joints, angular, linear, served};
-use crate::reference::along_lost;
+use crate::linear::Joints;
 use crate::state::State;
-use crate::tick::{Motion, Now};
 
 /// Slowest clock, but where the plan asks for a slower one.
-const SLOWEST: f64 = 0.05;
+pub(crate) const SLOWEST: f64 = 0.05;
 /// The clock of a path that waits, a millimetre of whose way takes minutes: rates are divided by the clock, so it never stands.
 const WAITING: f64 = 1e-3;
 /// Share of a limit that the path may take.
@@ -26,9 +22,6 @@ const SMOOTH: f64 = 0.008;
 const LEAD: f64 = 0.060;
 /// Demand below which a change is noise, and no rise.
 const QUIET: f64 = 0.25;
-/// Error across the lost directions from which on the clock slows down along the boundary of reach, m and rad: the path goes on there as the hand
-/// cannot, which falls behind in proportion to its speed.
-const STRAYED: (f64, f64) = (0.3e-3, 2.6e-3);
 /// Share of the torque limits that changing the clock's speed may take.
 const BRAKE: f64 = 0.35;
 
@@ -144,55 +137,21 @@ pub(crate) fn room(limit: f64, holding: f64) -> f64 {
 pub(crate) fn step<const N: usize>(
     setup: &Setup<N>,
     state: &mut State<N>,
-    now: &Now<'_, N>,
-    motion: &Motion<N>,
-    torques: &Torques<N>,
-    auxiliary_load: f64,
+    load: &Load<N>,
     limited: &Limited,
 ) {
-    let (model, control) = (&setup.model, &setup.scenario.control);
-    let (clock, A) = (state.clock.rate, &now.terms.A);
-    state.qdot_planned = torques.qdot_nominal * clock;
-    if setup.scenario.servo.is_some() {
-        state.targets.fastest = range::fastest(now.q, &torques.qdot_nominal, model);
-    }
-    if control.governor {
-        let load = Load {
-            speed: auxiliary_load
-                .max(torques.speed_share(model.velocity()))
-                .max(speed::demand(now.qdot, model.velocity()) / clock),
-            holding: now.terms.gravity,
-            following: (A * torques.qddot_path + now.terms.coriolis) / (clock * clock),
-            braking: A * torques.qdot_nominal,
-            planned: setup
-                .guide
-                .speed(motion.planned.is_some(), state.clock.plan_s, clock)
-                .min(state.targets.fastest.clock)
-                .min(along_boundary(setup, now, motion)),
-            is_planned: motion.planned.is_some(),
-        };
+    let clock = state.clock.rate;
+    if setup.scenario.control.governor {
         let dt = setup.scenario.dt_s();
         if limited.saturation_mask != 0 && setup.scenario.servo.is_none() {
             // The arm falls behind: the path waits, whatever was reckoned with.
             state.clock.wait(dt);
         } else {
-            state.clock.govern(&load, model.effort(), dt);
+            state.clock.govern(load, setup.model.effort(), dt);
         }
     }
     let waits = state.force.waits();
     pass(setup, state, if waits { 0.0 } else { clock });
-}
-
-/// Fastest clock with which the hand keeps beside a path beyond reach.
-fn along_boundary<const N: usize>(setup: &Setup<N>, now: &Now<'_, N>, motion: &Motion<N>) -> f64 {
-    if !motion.clips {
-        return 1.0;
-    }
-    let across = motion.error - along_lost(&motion.error, now.report);
-    let across = served(&setup.task, &across);
-    let strayed = (linear(&across).norm() / STRAYED.0).max(angular(&across).norm() / STRAYED.1);
-    let strayed = strayed.max(1.0);
-    (1.0 / (strayed * strayed * strayed)).max(SLOWEST)
 }
 
 /// Time that goes on by a tick at the speed `clock`, on the plan, on the path and in its leg.

@@ -25,14 +25,29 @@ pub mod torque;
 use crate::controller::Setup;
 use crate::law::Torques;
 use crate::linear::Joints;
+use crate::reference::error::clock_beside;
 use crate::state::State;
 use crate::tick::{Motion, Now};
 use crate::types::Refusal;
+use clock::Load;
+use speed::largest_share;
+use torque::Limited;
 
 /// Joint speed over its limit, at full clock speed, beyond which the path is refused: twice the limit even at the slowest clock.
 const SPEED_RATIO_MAX: f64 = 40.0;
 
+/// Step 4's result.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Kept<const N: usize> {
+    /// What the drives left of the torque.
+    pub(crate) limited: Limited,
+    /// What the path demands of the limits, for the clock.
+    pub(crate) load: Load<N>,
+}
+
 /// Step 4: the torque that is sent, gravity, Coriolis and the disturbance compensated: range, speed, torque and torque rate of the table above.
+///
+/// `auxiliary_load` is the largest share of an auxiliary rate at full clock speed.
 ///
 /// # Errors
 /// [`Refusal::Speed`] where no clock is slow enough for the joint speeds, [`Refusal::Limit`] where a joint is about to reach its limit.
@@ -42,33 +57,57 @@ pub(crate) fn apply<const N: usize>(
     now: &Now<'_, N>,
     motion: &Motion<N>,
     torques: &Torques<N>,
-) -> Result<torque::Limited, Refusal> {
+    auxiliary_load: f64,
+) -> Result<Kept<N>, Refusal> {
     let (model, control) = (&setup.model, &setup.scenario.control);
+    let (terms, nominal) = (now.terms, &torques.qdot_nominal);
+    // A reference arm stops before its joints' limits, so its motion is not refused there: its clock slows down.
     let is_path = setup.scenario.servo.is_none();
+    let is_nearing = is_path
+        && control.strategy.is_ours()
+        && range::is_nearing(motion.planned.as_ref(), (now.q, now.qdot), terms, model);
+    if !is_path {
+        state.targets.fastest = range::fastest(now.q, nominal, model);
+    }
+    let share = largest_share(nominal, model.velocity());
     let has_floor = motion.planned.is_none() && !motion.clips && is_path;
-    let share = torques.speed_share(model.velocity());
     if control.governs() && has_floor && share > SPEED_RATIO_MAX {
         return Err(Refusal::Speed);
     }
-    // A reference arm stops before its joints' limits, so its motion is not refused there.
-    if control.strategy.is_ours()
-        && is_path
-        && range::is_nearing(motion.planned.as_ref(), (now.q, now.qdot), now.terms, model)
-    {
+    if is_nearing {
         return Err(Refusal::Limit);
     }
+    let clock = state.clock.rate;
+    let present = speed::demand(now.qdot, model.velocity()) / clock;
     let mut parts = torques.parts;
     if control.governs() {
         let (velocity, rate) = (model.velocity(), model.torque_rate());
-        parts = speed::held(&parts, &now.terms.A, now.qdot, velocity, rate)?;
+        parts = speed::held(&parts, &terms.A, now.qdot, velocity, rate)?;
     }
+    let beside = match motion.clips {
+        true => clock_beside(&setup.task, &motion.error, now.report),
+        false => 1.0,
+    };
+    let is_planned = motion.planned.is_some();
+    let load = Load {
+        speed: auxiliary_load.max(share).max(present),
+        holding: terms.gravity,
+        following: (terms.A * torques.qddot_path + terms.coriolis) / (clock * clock),
+        braking: terms.A * nominal,
+        planned: (setup.guide)
+            .speed(is_planned, state.clock.plan_s, clock)
+            .min(state.targets.fastest.clock)
+            .min(beside),
+        is_planned,
+    };
     // A reference arm touches nothing.
-    let bearing = state.force.bearing(now.terms).filter(|_| is_path);
+    let bearing = state.force.bearing(terms).filter(|_| is_path);
     let disturbance = control
         .compensate_disturbance
         .then_some(now.tau_disturbance);
-    let bias = setup.drives.bias(now.terms, bearing, disturbance);
-    Ok(setup.drives.send(&mut state.sent, &bias, &parts))
+    let bias = setup.drives.bias(terms, bearing, disturbance);
+    let limited = setup.drives.send(&mut state.sent, &bias, &parts);
+    Ok(Kept { limited, load })
 }
 
 /// A torque or an acceleration in the parts in which limits give it up.
@@ -98,17 +137,6 @@ impl<const N: usize> Parts<N> {
     #[inline]
     pub fn sum(&self) -> Joints<N> {
         self.rest + self.path + self.null
-    }
-
-    /// Each part by a function.
-    #[must_use]
-    #[inline]
-    pub fn map(&self, f: impl Fn(&Joints<N>) -> Joints<N>) -> Self {
-        Self {
-            null: f(&self.null),
-            path: f(&self.path),
-            rest: f(&self.rest),
-        }
     }
 
     /// Each part by its share: of the null space, of the path, and of the rest.

@@ -7,7 +7,7 @@
 
 use super::clock::MARGIN;
 use super::{Parts, shares};
-use crate::linear::{Joints, largest_share};
+use crate::linear::Joints;
 use crate::paper::operational_space::Cholesky;
 use crate::types::Refusal;
 use nalgebra::SMatrix;
@@ -48,9 +48,19 @@ pub fn held<const N: usize>(
         limits[usize::from(is_up)][i] = if is_up { room } else { -room };
     }
     let A = Cholesky::new(*A)?;
-    let accelerations = torques.map(|torque| A.solve(torque));
+    let accelerations = Parts {
+        null: A.solve(&torques.null),
+        path: A.solve(&torques.path),
+        rest: A.solve(&torques.rest),
+    };
     let [low, high] = &limits;
     Ok(torques.scaled(shares(&Joints::zeros(), &accelerations, [low, high])))
+}
+
+/// The largest of |v_i|/limit_i, 0 where there is none.
+#[inline]
+pub fn largest_share<const N: usize>(v: &Joints<N>, limits: &Joints<N>) -> f64 {
+    (0..N).fold(0.0, |share, i| share.max(v[i].abs() / limits[i]))
 }
 
 /// Demand on the clock by the joints' present speeds, beyond the share of a limit that the path may take; 0 below it.

@@ -43,14 +43,14 @@ impl Fold {
     }
 }
 
-/// The coordinate's target: x_d = side·|x_d|.
+/// The coordinate's target on its side: x_d = side·|x_d|.
 ///
 /// The side is kept, or taken from `branch` (−1, +1; 0: keep) in the neighbourhood of the singularity. Goals beyond reach slide along the boundary, and a goal
 /// on the boundary itself does so until it has left it by 0.02: noise does not change the mode.
 ///
 /// Units those of `fold.x` (rad for an elbow angle, 1 for s_i) · Requires `memory.side` = ±1 · Ensures sign x_d = side and a finite target for a finite
 /// `fold` · Errors none · Source CK95 §4, Type 1 · Cost O(1), no allocation
-pub fn target(fold: &Fold, is_inside: bool, branch: i32, memory: &mut Memory) -> Target {
+pub fn on_side(fold: &Fold, is_inside: bool, branch: i32, memory: &mut Memory) -> Target {
     if branch != 0 && is_inside {
         memory.side = f64::from(branch);
     }

@@ -3,7 +3,7 @@
 use super::kinematics::Kinematics;
 use crate::linear::{Joints, Vector3};
 use crate::reference::path::Path;
-use crate::reference::turn::{self, Room};
+use crate::reference::turn;
 use crate::singularity::analyzer::Analyzer;
 use crate::types::{Kind, Report, Singularity};
 use model::{Model, Robot};
@@ -100,11 +100,9 @@ impl<'a, const N: usize> Request<'a, N> {
         place: usize,
         angle: f64,
     ) -> Option<Joints<N>> {
-        let (model, control) = (self.model, &self.scenario.control);
         let s = report.listed().get(place)?;
-        let room = Room { q, model, control };
-        let turn = turn::plan(self.analyzer.family(), s, angle, 1.0, &room);
-        Some(turn.ok()?.by)
+        let (_, by) = turn::within_limits(self.analyzer.family(), self.model, q, s, angle)?;
+        Some(by)
     }
 
     /// The kinematics of C, which lies at `p_EC` in the end-effector's axes.

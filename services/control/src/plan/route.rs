@@ -11,7 +11,8 @@ use self_motion::AtRest;
 
 use super::kinematics::{Kinematics, LOCKED, PLAIN_DAMPING, SOLVED, Spectrum, lowest};
 use super::request::{Deviation, Request};
-use crate::linear::{Joints, Vector6, largest_share};
+use crate::limits::speed::largest_share;
+use crate::linear::{Joints, Vector6};
 use model::Pose;
 use std::cell::Cell;
 

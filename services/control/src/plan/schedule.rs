@@ -3,8 +3,9 @@
 use super::kinematics::{Kinematics, lowest};
 use super::request::{Request, analyse, centre};
 use super::route::Knot;
+use crate::limits::speed::largest_share;
 use crate::limits::{clock, range};
-use crate::linear::{Joints, largest_share};
+use crate::linear::Joints;
 use crate::reference::path::{Leg, Path, Progress, ramped};
 use crate::types::Report;
 use model::Pose;

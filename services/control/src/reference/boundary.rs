@@ -11,6 +11,7 @@
 //!
 //! Reduces to the paper's law: within reach δ is zero, and nothing changes.
 
+use crate::centre::PoseMotion;
 use crate::linear::{Vector3, Vector6, angular, linear, stack};
 use crate::paper::operational_space::Cholesky;
 use crate::paper::singular_frame::orthogonal_rows;
@@ -113,19 +114,27 @@ impl Boundary {
         self.zeta * self.zeta.dot(v) + self.tangents * across
     }
 
+    /// Puts the motion of the nearest pose in place of the path's: the desired one, its twist at full clock speed, and its acceleration at the present speed.
+    pub(crate) fn lead(&self, desired: &mut PoseMotion, V: &mut Vector6, a_feed: &mut Vector6) {
+        *a_feed = self.acceleration(a_feed, &desired.V);
+        desired.a = self.acceleration(&desired.a, &desired.V);
+        desired.V = self.velocity(&desired.V);
+        *V = self.velocity(V);
+    }
+
     /// The error from the nearest pose, and along the normal from the path's.
     pub(crate) fn error(&self, e: &Vector6) -> Vector6 {
         stack(&self.left(&linear(e), &Vector2::zeros()), &angular(e))
     }
 
     /// The twist of the nearest pose, and the path's own along the normal.
-    pub(crate) fn velocity(&self, V: &Vector6) -> Vector6 {
+    fn velocity(&self, V: &Vector6) -> Vector6 {
         let turned = self.turns * stack(&Vector3::zeros(), &angular(V)) * self.beyond_m;
         stack(&self.left(&linear(V), &turned), &angular(V))
     }
 
     /// The acceleration of the nearest pose where the path has the twist `V`.
-    pub(crate) fn acceleration(&self, a: &Vector6, V: &Vector6) -> Vector6 {
+    fn acceleration(&self, a: &Vector6, V: &Vector6) -> Vector6 {
         let turn = self.turns * self.velocity(V) * (2.0 * self.zeta.dot(&linear(V)));
         let turned = self.turns * stack(&Vector3::zeros(), &angular(a)) * self.beyond_m;
         stack(&self.left(&linear(a), &(turned + turn)), &angular(a))

@@ -5,7 +5,7 @@
 
 use crate::centre::PoseMotion;
 use crate::linear::{
-    Matrix3, Vector3, angular, linear, rotation_exp, rotation_log, rotation_twist, stack,
+    Matrix3, Vector3, Vector6, angular, linear, rotation_exp, rotation_log, rotation_twist, stack,
 };
 
 /// The one base axis about which the task does not serve rotation; `None` where it serves all three, or fewer than two.
@@ -24,19 +24,14 @@ pub(crate) fn rotation_error(R_d: &Matrix3, R: &Matrix3, free: Option<&Vector3>)
     }
 }
 
-/// A desired motion turned about `k` to where an arm in the orientation `R` with the angular velocity `omega` serves it.
+/// A desired motion turned about `k` to where an arm in the orientation `R` with the twist `V` serves it.
 ///
 /// ω' = exp(−α k)·ω_d − α̇ k and its derivative, with α̇ = k·(ω_d − ω): what is served of it does not depend on α̈.
 #[must_use]
-pub(crate) fn turned(
-    desired: &PoseMotion,
-    R: &Matrix3,
-    omega: &Vector3,
-    k: &Vector3,
-) -> PoseMotion {
+pub(crate) fn turned(desired: &PoseMotion, R: &Matrix3, V: &Vector6, k: &Vector3) -> PoseMotion {
     let T = rotation_exp(&(k * -rotation_twist(&(desired.R * R.transpose()), k)));
     let (w, a) = (T * angular(&desired.V), T * angular(&desired.a));
-    let alpha_rate = k.dot(&(w - omega));
+    let alpha_rate = k.dot(&(w - V.fixed_rows::<3>(3)));
     PoseMotion {
         R: T * desired.R,
         p: desired.p,
@@ -83,7 +78,7 @@ mod tests {
                 V: stack(&Vector3::zeros(), &omega(&desired, 0.0)),
                 a: stack(&Vector3::zeros(), &rate(&desired)),
             };
-            let served = turned(&motion, &actual(0.0), &omega(&actual, 0.0), &k);
+            let served = turned(&motion, &actual(0.0), &stack(&Vector3::zeros(), &omega(&actual, 0.0)), &k);
             prop_assert!((served.R - actual(0.0)).amax() < 1e-9);
             prop_assert!(rotation_error(&motion.R, &actual(0.0), Some(&k)).amax() < 1e-9);
             prop_assert!((angular(&served.V) - omega(&actual, 0.0)).amax() < 1e-6);

@@ -252,6 +252,12 @@ impl<const N: usize> Family<N> {
         tracker.map(|_| usize::from(matches!(self.form, Form::Elbow(_))))
     }
 
+    /// Whether the singularity at a place of the report has codimension two or more.
+    pub fn has_higher_codimension(&self, place: usize) -> bool {
+        let first = self.first_of_higher_codimension();
+        first.is_some_and(|first| place >= first)
+    }
+
     /// Writes what must survive a restart; nothing where everything is computed anew from each posture.
     pub fn save(&self, out: &mut AnalyzerCheckpoint) {
         if let Some(tracker) = &self.tracker {

@@ -12,7 +12,6 @@
 //! | [`geometry`], [`axes`], [`screws`] | what the axes tell: names, meeting points; the arm as screws |
 //! | [`factors`], [`elbow`] | measures by the geometry of six axes, and of an arm with a spherical shoulder |
 //! | [`reference`](mod@reference) | where the coordinate of a singularity goes |
-//! | [`turning`] | the joint motion that turns ζ, predicted |
 
 pub mod analyzer;
 mod auxiliary_row;
@@ -26,7 +25,6 @@ mod reference;
 pub mod screws;
 mod tracked_svd;
 mod tracker;
-pub mod turning;
 
 #[cfg(test)]
 mod tests;

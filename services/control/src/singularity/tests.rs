@@ -2,12 +2,12 @@
 
 use super::classify::FOLD;
 use super::screws::Screws;
-use super::turning::turning;
 use crate::centre::AtCentre;
 use crate::linear::{
     Basis, Jacobian, Joints, Matrix3, Vector3, Vector6, half_of, symmetric_eigen, wrap_angle,
 };
 use crate::paper::singular_frame::orthogonal_rows;
+use crate::reference::turn::turning;
 use crate::singularity::analyzer::{Analyzer, RANK_TOLERANCE};
 use crate::testing::puma_lengths;
 use crate::types::{Class, Kind, Report, Singularity};
