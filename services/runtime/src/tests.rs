@@ -172,6 +172,25 @@ fn in_real_time_a_replaced_recorder_gets_the_last_messages_once() {
 }
 
 #[test]
+fn the_end_of_a_run_waits_for_a_recorder_that_came_after_the_last_message() {
+    let stage = stage(Mode::Realtime);
+    let plant = stage.shell("plant");
+    let mut sensors = plant.writer::<SensorSample>().unwrap();
+    send(&mut sensors, 0..5);
+    stage.control_page.process(2).begin_incarnation();
+    let recorder = stage.shell("recorder");
+    let mut drain = recorder.collector("sensor").unwrap();
+    drain.go_on(Some(2));
+    assert_eq!(drain.collect(|_| ()), Ok(false));
+    plant
+        .shared
+        .wait_for_record(5, now_ns() + 20_000_000)
+        .unwrap();
+    assert_eq!(collected(&mut drain), [3, 4]);
+    assert_eq!(drain.collect(|_| ()), Ok(true));
+}
+
+#[test]
 fn in_real_time_a_replacement_is_not_held_up_by_messages_of_before() {
     let stage = stage(Mode::Realtime);
     let mut sensors = stage.shell("plant").writer::<SensorSample>().unwrap();
