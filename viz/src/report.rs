@@ -59,10 +59,10 @@ const PLOTTED: &[Signal] = {
 /// The page of a run, HTML; without ticks there are neither pictures nor plots. `lacks`: what its record lacks, in clauses.
 ///
 /// # Errors
-/// [`RecordError`] where the arm cannot be drawn.
+/// [`RecordError`] where the arm cannot be drawn, or the source's `progress` has ended it.
 pub fn report(summary: &Summary, source: Source, lacks: &[String]) -> Result<String, RecordError> {
     let facts = &Facts::new(source.job, source.robot, source.happened, false)?;
-    let recorded = &Recorded::read(facts, source, summary.ticks, PLOTTED);
+    let recorded = &Recorded::read(facts, source, summary.ticks, PLOTTED)?;
     let class = match summary.outcome.as_str() {
         BOUNDARY => "fair",
         _ if summary.is_success() => "good",

@@ -50,7 +50,7 @@ pub(crate) struct RunArgs {
     /// Show the run on topics of ROS 2 (docs/ros2.md); options: rate=HZ, units, clock, network.
     #[arg(long, value_name = "OPTION,…", num_args = 0..=1, require_equals = true, default_missing_value = "")]
     ros2: Option<String>,
-    /// Replace a process that makes no progress for this long [default: 2 in real time, none in lockstep].
+    /// Replace a process that makes no progress for this long [default: in real time 2, or 0.1 if something has stopped it (SIGSTOP); none in lockstep].
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
     silence_limit: Option<Duration>,
 }

@@ -1,7 +1,7 @@
 //! A run as a page for people without a viewer.
 
 use model::Robot;
-use viz::{Happened, Source};
+use viz::{Happened, RecordError, Source};
 
 use crate::drawing::Record;
 use crate::failure::Failure;
@@ -47,7 +47,10 @@ pub fn report(run: &Run, observer: Observer<'_>) -> Result<Page, Failure> {
         viz::report(&summary, source, &lacks)
     });
     Ok(Page {
-        text: text.map_err(Failure::work)?,
+        text: text.map_err(|error| match error {
+            RecordError::Stopped => Failure::work("the report was stopped"),
+            error => Failure::work(error),
+        })?,
         shortfall: (!lacks.is_empty()).then(|| run.with_remedy(&lacks.join("; "))),
     })
 }

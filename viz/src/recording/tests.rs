@@ -8,7 +8,7 @@ use rerun::log::Chunk;
 use shared_types::graph::Graph;
 use shared_types::job::Mode;
 use shared_types::scenario::Scenario;
-use shared_types::summary::FaultSummary;
+use shared_types::summary::{FaultSummary, Summary};
 use shared_types::topics::ByTopic;
 
 use super::*;
@@ -35,13 +35,23 @@ pub(crate) fn job(name: &str) -> (Job, Robot) {
     (job, robot)
 }
 
-/// Draws the first ticks of a wrist lock: the joints turn ζ by 90°, then the hand rotates about the direction that was lost.
+/// Draws the first ticks of a wrist lock.
 fn draw(
     path: &Path,
     count: u64,
     happened: Happened,
     progress: Progress,
 ) -> Result<Option<String>, RecordError> {
+    made(count, happened, progress, |source| write_rrd(path, source))
+}
+
+/// Makes something of these ticks: the joints turn ζ by 90°, then the hand rotates about the direction that was lost.
+fn made<T>(
+    count: u64,
+    happened: Happened,
+    progress: Progress,
+    make: impl FnOnce(Source) -> T,
+) -> T {
     let (job, robot) = job("fig5-wrist-rotation");
     let mut chain = Chain::new(&robot, &job.scenario).expect("accepted");
     let mut whole = chain::Tick::default();
@@ -63,7 +73,7 @@ fn draw(
         ticks: &mut ticks,
         progress,
     };
-    write_rrd(path, source)
+    make(source)
 }
 
 /// The rows of each entity of a file that are not static, and the ticks of its numbers.
@@ -139,10 +149,13 @@ fn a_recording_shows_what_happened() {
 }
 
 #[test]
-fn a_recording_that_is_stopped_leaves_nothing() {
+fn a_recording_or_a_page_that_is_stopped_leaves_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("run.rrd");
     let stopped = draw(&path, 1100, Happened::default(), &mut |count| count < 1000);
+    assert!(matches!(stopped, Err(RecordError::Stopped)));
+    let page = |source: Source| crate::report(&Summary::default(), source, &[]);
+    let stopped = made(1100, Happened::default(), &mut |count| count < 1000, page);
     assert!(matches!(stopped, Err(RecordError::Stopped)));
     let error = RrdFile::create(&folder.path().join("none/run.rrd")).map(drop);
     assert!(matches!(error, Err(RecordError::Write { .. })));

@@ -12,6 +12,7 @@ use crate::narration::{NO_FAULT, capital};
 use crate::picture::{Picture, Scene};
 use crate::run::Source;
 use crate::signals::{Now, Signal};
+use crate::sink::RecordError;
 use crate::story::{Named, News};
 
 /// Stretches of a plotted line, each of at most four points: more would not be seen.
@@ -80,7 +81,15 @@ pub(super) struct Recorded {
 
 impl Recorded {
     /// Reads a run of about so many ticks.
-    pub(super) fn read(facts: &Facts, source: Source, count: u64, plotted: &[Signal]) -> Self {
+    ///
+    /// # Errors
+    /// [`RecordError::Stopped`] where the source's `progress` has ended it.
+    pub(super) fn read(
+        facts: &Facts,
+        source: Source,
+        count: u64,
+        plotted: &[Signal],
+    ) -> Result<Self, RecordError> {
         let mut recorded = Self {
             rate_hz: f64::from(facts.rate_hz),
             ..Self::default()
@@ -91,7 +100,7 @@ impl Recorded {
         let mut values = Vec::new();
         for (number, tick) in (0..).zip(source.ticks) {
             if number % NEWS == 0 && !(source.progress)(number) {
-                break;
+                return Err(RecordError::Stopped);
             }
             let picture = scene.push(facts, &tick, &mut |tick, news| recorded.tell(tick, news));
             recorded.pictures.extend(picture);
@@ -118,7 +127,7 @@ impl Recorded {
         // The log tells of a fault or a loss when it is known, not when it happened.
         recorded.log.sort_by_key(|event| event.tick);
         (recorded.named, recorded.room) = (scene.story.named, scene.room);
-        recorded
+        Ok(recorded)
     }
 
     fn tell(&mut self, tick: u64, news: News) {
