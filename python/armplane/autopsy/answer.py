@@ -64,12 +64,13 @@ def _answer(source, log, m, seen, ranked):
     sentences = [f"{source.name}: {what}{when}{reason}"] + [text[:1].upper() + text[1:] for text in dict.fromkeys(one.text for one in (effect, first) if one)]
     if first.what not in ("singularity", *_WHAT):
         at = np.argmin(np.abs(m.t_k - first.t))
-        sentences.append(f"No singularity: then, the smallest singular value was {near[at]:.0%} of this arm's usual one")
+        is_near = "It was near a singularity, but nothing shows that this was the cause" if near[at] < 0.3 else "No singularity"
+        sentences.append(f"{is_near}: then, the smallest singular value was {near[at]:.0%} of this arm's usual one")
     if len(ranked) > 1 and ranked[1].weight > 0.6:
         sentences.append(f"Also: {ranked[1].text}")
     rate, seconds, columns = 1 / m.dt, log["q"].t[-1], {role: one.name for role, one in log.streams.items()}
     read_as = ", ".join(f"{role} ({name})" for role, name in columns.items())
-    sentences += [*notes, f"Read: {read_as}; {rate:.0f} Hz, {seconds:.1f} s"]
+    sentences += [*dict.fromkeys(note for note in notes if note != first.text), f"Read: {read_as}; {rate:.0f} Hz, {seconds:.1f} s"]
     text = " ".join(one if one.endswith((".", "?")) else f"{one}." for one in sentences)
     evidence = [{"cause": one.what, "t": round(one.t, 4), "weight": round(one.weight, 3), "text": one.text, **one.data} for one in ranked]
     answer = {

@@ -46,7 +46,7 @@ def nan(log, m):
         broken = ~np.isfinite(stream.x.reshape(len(stream.x), -1)).all(axis=1)
         if broken.any() and not broken.all():
             t, rows = stream.t[np.argmax(broken)], broken.sum()
-            yield Found("NaN", t, f"{stream.name} is NaN or infinite from {t:.3f} s on, in {rows} of {len(broken)} rows", 0.97, role=role, rows=rows)
+            yield Found("NaN", t, f"{stream.name} is NaN, infinite or missing from {t:.3f} s on, in {rows} of {len(broken)} rows", 0.97, role=role, rows=rows)
 
 
 def gap(log, m):
@@ -67,11 +67,11 @@ def gap(log, m):
 
 def command_jump(log, m):
     """A step in the command that its neighbours do not announce."""
-    for role, floor in (("q_cmd", 0.03), ("pose_cmd", 0.01)):
+    for role, floor in (("q_cmd", 0.03), ("pose_cmd", 0.01), ("twist_cmd", 0.15)):
         stream, is_joints = log[role], role == "q_cmd"
         if stream is None or len(stream.t) < 12 or stream is log["q"]:
             continue
-        x = stream.x if is_joints else stream.x[:, :3, 3]
+        x = stream.x[:, :3, 3] if role == "pose_cmd" else stream.x
         known = np.isfinite(x).all(axis=1)
         step, dt, t = np.diff(x[known], axis=0), np.diff(stream.t[known]), stream.t[known]
         # The part of a step beyond the mean of the ones around it; a gap's step may be as long as the gap.
@@ -81,8 +81,13 @@ def command_jump(log, m):
         fourth, size = np.sort(odd[max(0, k - 12) : k + 13])[-4], np.abs(step[k])
         if odd[k] >= max(floor, 4 * fourth) and dt[k] <= 4 * usual:
             j = np.argmax(size)
-            part = f"{m.robot.joints[j]} by {np.degrees(step[k][j]):.1f}°" if is_joints else f"the pose by {1000 * norm(step[k]):.0f} mm"
-            yield Found(JUMP, t[k + 1], f"the command moves {part} from one message to the next", 0.95, role=role, step=size[j])
+            part = f"moves {m.robot.joints[j]} by {np.degrees(step[k][j]):.1f}°" if is_joints else f"moves the pose by {1000 * norm(step[k]):.0f} mm"
+            if role == "twist_cmd":
+                if min(norm(x[known][k : k + 2])) < 0.05 * np.quantile(norm(x[known]), 0.9):
+                    # It sets out, or ends.
+                    continue
+                part = f"changes the hand's speed by {1000 * norm(step[k][:3]):.0f} mm/s and {np.degrees(norm(step[k][3:])):.0f}°/s"
+            yield Found(JUMP, t[k + 1], f"the command {part} from one message to the next", 0.95, role=role, step=size[j])
 
 
 # --- limits ---
@@ -381,6 +386,9 @@ def find(log, m):
     if by == "joint motion":
         seen.append(Found("jumped", lock.t, f"the joints' speed rose to {lock.data['needed']:.1f} rad/s within 0.4 s"))
     seen.sort(key=lambda one: one.t)
+    if not seen and JUMP in found and found[JUMP].data["role"] == "twist_cmd":
+        # The arm followed it.
+        del found[JUMP]
     for one in found.values():
         one.weight *= _fits_time(one, seen)
         if one.what in ("torque limit", "speed limit") and swing and (one.data["flips"] > 1 or swing.t < one.t - 0.05):

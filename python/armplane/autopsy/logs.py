@@ -142,16 +142,31 @@ def _parquet(path, episode=None, names=None):
 
 def _tables(path, table, names=None):
     """The numbers of an arrow table; columns with empty cells, which were logged less often, become tables by themselves."""
-    groups = {}
+    groups, alike = {}, {}
     for name in table.column_names[:_COLUMNS]:
         for title, values, known in _numbers(name, table[name].combine_chunks(), (names or {}).get(name)):
             if known.any():
-                groups.setdefault(known.tobytes(), ({}, known))[0][title] = values
+                alike.setdefault(re.sub(r"\d+", "#", title), []).append((title, values, known))
+    for columns in alike.values():
+        rows = _logged(np.any([known for *_, known in columns], axis=0))
+        for title, values, known in columns:
+            groups.setdefault(rows.tobytes(), ({}, rows))[0][title] = np.where(known, values, np.nan)
     if not groups:
         raise LogError(f"{path} holds no numbers: give a log with joint positions")
     whole = groups.pop(np.ones(len(table), bool).tobytes(), ({},))[0]
     parts = [Table("", {title: values[known] for title, values in {**whole, **columns}.items()}) for columns, known in groups.values()]
     return ([Table("", whole)] if whole else []) + parts
+
+
+def _logged(known):
+    """The rows in which columns alike were logged: also a few stretches of empty cells inside, as pandas writes a NaN, which it calls missing."""
+    first, last = np.flatnonzero(known)[[0, -1]]
+    inside = known[first : last + 1]
+    if not 0 < np.count_nonzero(np.diff(inside.astype(np.int8)) < 0) <= 3:
+        return known
+    rows = known.copy()
+    rows[first : last + 1] = True
+    return rows
 
 
 def _numbers(name, column, titles):

@@ -148,6 +148,10 @@ class Motion:
         in_hand = turned(self.pose[:, :3, :3], twist)
         as_it_is, as_of_hand = fit(twist), fit(in_hand) - 0.02
         quality = max(as_it_is, as_of_hand)
+        pace = norm(V) / size[usable]
+        if quality > 0.8 and abs(np.log(np.median(pace))) > 0.15:
+            times = f"{np.median(pace):.2f} times as fast as it was asked"
+            self.notes.append(f"From the start, the hand of {self.robot.name} would have moved {times}: is it another robot, or is the command scaled?")
         if quality > 0.8 and quality == as_of_hand:
             self.notes.append("The commanded twist is in the hand's axes.")
             return in_hand
@@ -158,7 +162,6 @@ class Motion:
         if fit(again) > 0.95 and np.linalg.matrix_rank(twist[usable], tol=0.05 * np.abs(twist).max()) > 1:
             self.notes.append(f"The commanded twist is in axes that are turned by {np.degrees(base.magnitude()):.0f}° to the robot's base.")
             return again
-        pace = norm(V) / size[usable]
         if np.mean((pace > 0.5) & (pace < 2)) > 0.7 and usable.sum() > 8:
             self._reorder(twist, usable, quality)
         return twist

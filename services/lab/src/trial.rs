@@ -48,8 +48,10 @@ pub struct Trial<'a> {
 
 /// A scenario of an arm without a task: as `name` is called in errors.
 pub(crate) fn bare(name: &str, robot: &str, settings: &[String]) -> Result<Scenario, Failure> {
+    // A file's name may hold quotes and line breaks.
+    let robot = toml::Value::from(robot);
     let text = format!(
-        "name = \"{name}\"\nrobot = \"{robot}\"\n[start]\nposture = \"none\"\n[[segment]]\nduration_s = 2.0\n"
+        "name = \"{name}\"\nrobot = {robot}\n[start]\nposture = \"none\"\n[[segment]]\nduration_s = 2.0\n"
     );
     Ok(Scenario::parse(&format!("{name}.toml"), &text, settings)?)
 }
