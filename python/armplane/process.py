@@ -127,14 +127,16 @@ class Process:
             sys.exit(code)
 
     def _begin(self):
+        if not hasattr(self, "_given"):
+            raise TypeError(f"{type(self).__name__}.__init__ does not call super().__init__(joined): do that first, or define setup(self) instead")
         self.setup()
         for name, value in vars(self).items():
             if value is not self._given.get(name, self):
                 self._check_name(name, value)
 
     def _take_part(self):
-        joined, now, tick = self.joined, self.now, self.tick
         self._begin()
+        joined, now, tick = self.joined, self.now, self.tick
         if (left := joined.previous) is not None:
             self.restore(left)
         wait, send = joined.wait, joined.send

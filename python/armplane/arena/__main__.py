@@ -144,7 +144,7 @@ def asked_file(file, settings):
     try:
         about = json.loads(next(line for line in out.splitlines() if line.startswith('{"trials": ')))
     except (StopIteration, ValueError):
-        return "it replaces the standard output, from which the arena reads the facts about its class", {}
+        return "it ends, or replaces the standard output, before it has said the facts about its class", {}
     count = len(about["trials"])
     return f"its class has {count} trials: at most {MOST_TRIALS}" if count > MOST_TRIALS else "", about
 
@@ -227,7 +227,13 @@ def tried(entry, task, folder, more):
             CHILDREN.dismiss()
             return SILENT if why is None else {"outcome": "failed", "reason": why}
         controller = type("Sent", (Sent,), {"file": sent})
-    row = armplane.trial(text, {**settings, **entry.scenario()}, controller=controller)
+    try:
+        row = armplane.trial(text, {**settings, **entry.scenario()}, controller=controller)
+    except (ValueError, OSError) as error:
+        if entry.own:
+            raise
+        why = "it left none" if isinstance(error, FileNotFoundError) else _sentence(str(error))
+        return {"outcome": "failed", "reason": f"its messages cannot be judged: {why}"}
     if "ticks" not in row:
         return row
     # The table has its own name for it.
@@ -278,7 +284,8 @@ def own_cost(entry, task, folder, more):
 def judged(rows):
     """The rows, marked whether the drives accept all their torque steps."""
     # The largest step in a millisecond that a drive accepts, as a share of that joint's limit.
-    limits = {name: float(max(arm.torque_rate / arm.effort)) / 1000 for name in armplane.Arm.names() for arm in [armplane.Arm.builtin(name)]}
+    names = {row.get("robot") for row in rows}.intersection(armplane.Arm.names())
+    limits = {name: float(max(arm.torque_rate / arm.effort)) / 1000 for name in names for arm in [armplane.Arm.builtin(name)]}
     for row in rows:
         row["within_rate"] = row.get("torque_step_max_ratio", float("inf")) <= 1.001 * limits.get(row.get("robot"), 0.05)
     return rows
@@ -516,10 +523,14 @@ def compete(asked):
     print(summary.text())
     (folder / "arena.html").write_text(summary.html(races(summary, found, todo, more)))
     print(f"{folder}/arena.html, {folder}/arena.parquet")
+    ended = {row["law"] for row in rows if row["outcome"] not in ("failed", "silent")}
+    if lost := [entry.name for entry in found if entry.name not in ended]:
+        print(f"armplane arena: every run failed of {', '.join(lost)}", file=sys.stderr)
     if asked.again:
         different = again(found, todo, rows, asked.again, more)
         print(f"a second time, every torque compared: {len(different)} differ" + "".join(f"\n  {cell}" for cell in different))
-        sys.exit(bool(different))
+        lost += different
+    sys.exit(bool(lost))
 
 
 if __name__ == "__main__":

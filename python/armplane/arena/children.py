@@ -8,7 +8,9 @@ import subprocess
 import sys
 import threading
 import time
+import uuid
 from contextlib import suppress
+from pathlib import Path
 
 # An interrupted run may take so long to end; s.
 PATIENCE_S = 20
@@ -45,10 +47,11 @@ class Opponent:
     """A process that loads an opponent's file once, and controls one trial after another. `limit`: the longest time that it may take to load, or for a tick; s."""
 
     def __init__(self, file, limit):
-        self.file, self.limit = file, limit
+        self.file, self.limit, self.mark = file, limit, f"ARMPLANE_OPPONENT={uuid.uuid4()}"
         self.answers, theirs = os.pipe()
         command = [sys.executable, "-m", "armplane.arena.host", file, str(theirs), str(limit)]
-        self.child = subprocess.Popen(command, stdin=subprocess.PIPE, pass_fds=[theirs], **PIPES)
+        environment = {**os.environ, **dict([self.mark.split("=")])}
+        self.child = subprocess.Popen(command, env=environment, stdin=subprocess.PIPE, pass_fds=[theirs], **PIPES)
         os.close(theirs)
         self.ends = End(self.child.stdout), End(self.child.stderr)
 
@@ -57,24 +60,39 @@ class Opponent:
         with suppress(OSError):
             self.child.stdin.write(f"{json.dumps(given)}\n".encode())
             self.child.stdin.flush()
-        last = time.monotonic() + seconds
-        while time.monotonic() < last and not CHILDREN.stopped:
-            if select.select([self.answers], [], [], 1)[0] or self.has_died():
-                return "" if os.read(self.answers, 1) else self.last_words()
+        # It gives signs of life, one at least in a tenth of the limit, as far as its ticks are shorter.
+        now = time.monotonic()
+        last, due = now + seconds, now + self.limit + 1
+        while now < last and not CHILDREN.stopped:
+            if select.select([self.answers], [], [], 1)[0]:
+                said = os.read(self.answers, 1 << 10)
+                if not said or said.endswith(b"\n"):
+                    return "" if said else self.last_words()
+                due = time.monotonic() + 1.1 * self.limit + 1
+            elif self.child.poll() is not None:
+                return self.last_words()
+            if (now := time.monotonic()) > due:
+                return f"it gave no answer within {self.limit} s: --join-limit allows more"
         return None
 
     def has_died(self):
         return self.child.poll() is not None
 
     def last_words(self):
-        """Why it could not go on, where it has said so."""
-        lines = self.ends[1].text().splitlines()
-        if any(line.startswith("Timeout (") for line in lines):
-            return f"it gave no answer within {self.limit} s: --join-limit allows more"
-        return next((line.removeprefix("armplane: ") for line in reversed(lines) if line.startswith("armplane: ")), "it ended without a word")
+        """Why it could not go on, where it has said so, or how it ended."""
+        with suppress(subprocess.TimeoutExpired):
+            self.child.wait(1)
+        code, lines = self.child.poll(), self.ends[1].text().splitlines()
+        how = "it closed its pipe" if code is None else f"it ended with signal {-code}" if code < 0 else f"it ended with exit code {code}"
+        return next((line.removeprefix("armplane: ") for line in reversed(lines) if line.startswith("armplane: ")), how)
 
     def end(self):
+        """Ends it and all that it has started."""
         killed(self.child)
+        for environment in Path("/proc").glob("[0-9]*/environ"):
+            with suppress(OSError):
+                if self.mark.encode() in environment.read_bytes().split(b"\0"):
+                    os.kill(int(environment.parent.name), signal.SIGKILL)
         self.child.stdin.close()
         os.close(self.answers)
 

@@ -5,7 +5,6 @@ With the number of a pipe and a limit in seconds behind the file, it controls th
     ARMPLANE_ARENA_COST    file to which a line is added at the end: microseconds that the law took for a tick
 """
 
-import faulthandler
 import importlib.util
 import json
 import os
@@ -91,8 +90,10 @@ class Host(armplane.Controller):
         if self.wrist is not None:
             self.pressing.take(ref, self.path.force, *self.law.arm.pose(q), np.array(self.wrist.force_n))
         began = time.perf_counter_ns()
-        tau = np.asarray(self.law.torque(q, qdot, ref), float).reshape(self.dof)
+        tau = np.asarray(self.law.torque(q, qdot, ref), float).squeeze()
         self.times.append(time.perf_counter_ns() - began)
+        if tau.shape != (self.dof,):
+            raise ValueError(f"{type(self.law).__name__} gives torques of shape {tau.shape} at tick {tick}, not ({self.dof},)")
         if not np.isfinite(tau).all():
             raise ValueError(f"{type(self.law).__name__} gives a torque that is no number at tick {tick}")
         self.rate = 0.0 if self.pressing.waits else min(max(float(self.law.rate), 0.0), 1.0)
@@ -120,17 +121,17 @@ class Host(armplane.Controller):
 class Guest(Host):
     """The same in a trial of this process. It keeps what it sends: the arena judges that, in a process of its own."""
 
-    # The longest time for a tick, s, and the file for the messages.
-    limit, file = 0.0, ""
+    # The file for the messages, and the pipe on which it gives signs of life, with the longest time between two of them, s.
+    file, answers, pause = "", -1, 0.0
 
     def setup(self):
         super().setup()
-        self.sent, self.watched = bytearray(), 0.0
+        self.sent, self.next_sign = bytearray(), 0.0
 
     def control(self, tick, estimate, singularity, state, torque):
-        if (now := time.monotonic()) > self.watched + self.limit / 10:
-            faulthandler.dump_traceback_later(self.limit, exit=True, file=sys.__stderr__)
-            self.watched = now
+        if (now := time.monotonic()) > self.next_sign:
+            os.write(self.answers, b".")
+            self.next_sign = now + self.pause
         super().control(tick, estimate, singularity, state, torque)
         self.sent += bytes(state)
         self.sent += bytes(torque)
@@ -142,18 +143,16 @@ class Guest(Host):
 
 
 def _serve(answers, limit):
-    Guest.limit = limit
+    Guest.answers, Guest.pause = answers, limit / 10
     for line in sys.stdin:
         given = json.loads(line)
         os.environ.update(given["environment"])
         Guest.file = given["file"]
-        faulthandler.dump_traceback_later(limit, exit=True, file=sys.__stderr__)
         try:
             armplane.trial(given["scenario"], given["settings"], controller=Guest)
-        except Exception as error:
-            print(f"armplane: {type(error).__name__}: {error}{_place(error)}", file=sys.__stderr__, flush=True)
+        except BaseException as error:
+            print(f"armplane: {type(error).__name__}: {' '.join(str(error).split())}{_place(error)}", file=sys.__stderr__, flush=True)
             os._exit(1)
-        faulthandler.cancel_dump_traceback_later()
         os.write(answers, b"\n")
     os._exit(0)
 

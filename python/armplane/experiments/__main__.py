@@ -6,7 +6,7 @@ from pathlib import Path
 
 import armplane
 
-from ..results import Parser, _next_folder, listed, read_toml
+from ..results import INSTALL, Parser, _next_folder, listed, read_toml
 
 # Of a sweep's file and its tables: the keys that it needs, and others.
 KEYS = {"": ("name scenario key", "set sample"), "sample: ": ("runs", "seed method"), "key: ": ("key", "values from to steps scale")}
@@ -41,6 +41,9 @@ def main():
         from armplane import experiments
 
         return {"sweep": _sweep, "report": _report, "figures": _figures, "steered": _steered}[options.command](experiments, options)
+    except ModuleNotFoundError as error:
+        print(f"armplane: {error}: {INSTALL.format('experiments')}{' and dask[distributed]' if error.name == 'distributed' else ''}", file=sys.stderr)
+        return 2
     except (ValueError, OSError, ImportError) as error:
         print(f"armplane: {error}", file=sys.stderr)
         return 2
@@ -132,9 +135,16 @@ def read_file(path):
             raise ValueError(f"{path}: `{name}` needs either `values`, or `from` and `to`")
         if key.get("scale", "linear") not in ("linear", "log"):
             raise ValueError(f"{path}: the scale of `{name}` is `linear` or `log`")
+        for part, kinds in (("from", (int, float)), ("to", (int, float)), ("steps", int)):
+            if not isinstance(key.get(part, 0), kinds) or isinstance(key.get(part), bool):
+                raise ValueError(f"{path}: `{part}` of `{name}` is {key[part]!r}: give a {'whole ' * (kinds is int)}number")
         space[name] = key["values"] if "values" in key else Range(key["from"], key["to"], key.get("steps", 0), key.get("scale") == "log")
     method = sample.get("method", "random" if sample else "grid")
     scenario = str(beside) if beside.suffix == ".toml" and beside.is_file() else spec["scenario"]
+    if not isinstance(spec.get("set", []), list) or not all(isinstance(one, str) for one in spec.get("set", [])):
+        raise ValueError(f'{path}: `set` is a list of texts, such as ["plant.friction=true"]')
+    if not isinstance(spec["name"], str) or spec["name"] in ("", ".", "..") or "/" in spec["name"]:
+        raise ValueError(f"{path}: `name` is {spec['name']!r}: give the name of a folder within runs/")
     settings = dict(_setting(one) for one in spec.get("set", []))
     return spec["name"], {"scenario": scenario, "space": space, "runs": sample.get("runs"), "method": method, "seed": sample.get("seed", 0), "settings": settings}
 

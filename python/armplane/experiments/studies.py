@@ -33,7 +33,9 @@ def _all(jobs):
 
 def compare(scenario, laws=None, settings=None):
     """A scenario under each law (all that follow paths by default): a row each."""
-    laws = listed(laws or trials.laws())
+    laws = listed(trials.laws() if laws is None else laws)
+    if not laws:
+        raise ValueError("laws is empty: name one, or leave it out for all")
     return _all([({"law": law}, scenario, {**(settings or {}), "control.strategy": law, "fault": "[]"}) for law in laws])
 
 
@@ -95,8 +97,10 @@ def compare_plot(table, path, title="Control laws on the same plant and seed"):
 
 
 def race(scenario, laws, path, settings=None):
-    """Runs a scenario under two or more laws, draws errors, joint speeds and the paths of the hand over time, and returns the largest of each."""
+    """Runs a scenario under one or more laws, draws errors, joint speeds and the paths of the hand over time, and returns the largest of each."""
     laws = listed(laws)
+    if not laws:
+        raise ValueError("laws is empty: name one or more")
     runs = {law: Recorded(scenario, {**(settings or {}), "control.strategy": law, "fault": "[]"}) for law in laws}
     table = pd.DataFrame(
         {"position_max_mm": run.error_mm.max(), "orientation_max_deg": run.error_deg.max(), "speed_max_ratio": np.abs(run.vectors("joint.qdot_ratio")).max()}

@@ -71,7 +71,7 @@ def sweep(scenario, space, runs=None, method="grid", *, seed=1, settings=None, o
     parts = {i: Path(out) / f"runs-{i:08}.parquet" for i in chunks} if out is not None else {}
     if out is not None:
         _claim(Path(out), plan, _first(scenario, points[0], settings, run))
-    todo = {i: points for i, points in chunks.items() if i not in parts or not parts[i].exists()}
+    todo = {i: points for i, points in chunks.items() if i not in parts or _part(parts[i]) is None}
     done, tables = len(points) - sum(map(len, todo.values())), {}
     for i, rows in _spread(todo, (scenario, settings, run), client, jobs):
         tables[i] = table = pd.json_normalize(rows)
@@ -80,8 +80,15 @@ def sweep(scenario, space, runs=None, method="grid", *, seed=1, settings=None, o
         done += len(table)
         if progress:
             progress(done, len(points))
-    parts = [tables[i] if i in tables else pd.read_parquet(parts[i]) for i in chunks]
-    return pd.concat(parts, ignore_index=True)
+    return pd.concat([tables[i] if i in tables else _part(parts[i]) for i in chunks], ignore_index=True)
+
+
+def _part(path):
+    """The table of a chunk's file; `None` where it is not there, or was cut short by others: then its runs are made again."""
+    try:
+        return pd.read_parquet(path)
+    except (OSError, ValueError):
+        return None
 
 
 def read(folder):
@@ -89,10 +96,20 @@ def read(folder):
     folder = Path(folder)
     if not (folder / PLAN).is_file():
         raise ValueError(f"{folder} is not a sweep's folder: it has no {PLAN}")
-    parts = sorted(folder.glob("runs-*.parquet"))
+    parts = {path: _part(path) for path in sorted(folder.glob("runs-*.parquet"))}
+    if broken := [path for path, part in parts.items() if part is None]:
+        raise ValueError(f"{broken[0]} is no whole table: the command that made the sweep makes it again")
     if not parts:
         raise ValueError(f"no chunk in {folder} is complete: run the sweep first")
-    return pd.concat(map(pd.read_parquet, parts), ignore_index=True), json.loads((folder / PLAN).read_text())
+    return pd.concat(parts.values(), ignore_index=True), _known(folder)
+
+
+def _known(folder):
+    """The plan that a folder states."""
+    try:
+        return json.loads((folder / PLAN).read_text())
+    except ValueError as error:
+        raise ValueError(f"{folder / PLAN} is no JSON ({error}): choose another folder, or remove this one") from None
 
 
 def draw(scenario, space, runs=None, method="grid", seed=1, settings=None):
@@ -103,6 +120,13 @@ def draw(scenario, space, runs=None, method="grid", seed=1, settings=None):
         raise ValueError(f"method is {method!r}: it must be one of {', '.join(METHODS)}")
     if method != "grid" and runs is None:
         raise ValueError(f"method {method!r} needs runs, the number of points")
+    if method == "grid" and runs is not None:
+        raise ValueError(f"runs = {runs} is for a sample: method \"random\" or \"sobol\"; a grid has as many as its values make")
+    for name, value, least in (("runs", runs, 1), ("seed", seed, 0)):
+        if value is not None and (isinstance(value, (str, bool)) or int(value) != value or value < least):
+            raise ValueError(f"{name} = {value!r}: give a whole number from {least}")
+    for key, values in space.items():
+        _check(values.steps if isinstance(values, Range) else len(values) if hasattr(values, "__len__") else 1, least=0)
     whole = {key: _tried(scenario, settings, key, values) for key, values in space.items()}
     if method == "grid":
         lists = [values.grid(whole[key]) if isinstance(values, Range) else values for key, values in space.items()]
@@ -133,8 +157,8 @@ def lack(table, space):
     return "; ".join(clauses) or None
 
 
-def _check(count):
-    if not 1 <= count <= MOST:
+def _check(count, least=1):
+    if not least <= count <= MOST:
         raise ValueError(f"the sweep has {count} runs: it must be 1 to {MOST}")
 
 
@@ -218,7 +242,7 @@ def _claim(folder, plan, first):
         if any(folder.iterdir()):
             raise ValueError(f"{folder} is not empty, and not a sweep's: choose another folder")
         write_whole(folder / PLAN, json.dumps(wanted, indent=1).encode())
-    known = json.loads((folder / PLAN).read_text())
+    known = _known(folder)
     changed = [key for key in wanted if known.get(key) != wanted[key]]
     if changed == ["first_run_sha256"]:
         raise ValueError(f"{folder} holds results of another build, arm or scenario: its first run gives other bytes now; choose another folder")
