@@ -59,7 +59,7 @@ impl Record {
             job.run.clone_from(&summary.of.run);
         }
         let robot = Robot::from_source(&job.robot).map_err(Failure::input)?;
-        let ticks = Ticks::open_left(&folder.join(MESSAGES), &job).map_err(Failure::input)?;
+        let ticks = Ticks::open(&folder.join(MESSAGES), &job).map_err(Failure::input)?;
         Ok(Self {
             ticks,
             job,

@@ -62,7 +62,7 @@ impl Run {
     /// # Errors
     /// [`Failure::Input`] if there is none.
     pub(crate) fn check_readable(&self, job: &Job) -> Result<(), Failure> {
-        let opened = Ticks::open_left(&self.folder.join(MESSAGES), job);
+        let opened = Ticks::open(&self.folder.join(MESSAGES), job);
         let mut rows = opened.map_err(|error| Failure::Input(self.with_remedy(&error)))?;
         if rows.next().is_some() {
             return Ok(());
@@ -161,7 +161,7 @@ impl Run {
 
     /// A clause for each way in which the record is damaged or does not match the summary's counts; and whether messages may be lost amid it.
     pub fn message_damage(&self, job: &Job, summary: Option<&Summary>) -> (Vec<String>, bool) {
-        match Ticks::open_left(&self.folder.join(MESSAGES), job) {
+        match Ticks::open(&self.folder.join(MESSAGES), job) {
             _ if !job.record => (Vec::new(), false),
             Ok(mut ticks) => {
                 ticks.by_ref().for_each(drop);
