@@ -230,6 +230,10 @@ impl Ticks {
     /// for each. A topic that the summary does not name is left out of the comparison.
     pub fn damage(mut self, summary: Option<&Summary>) -> Vec<String> {
         self.by_ref().for_each(drop);
+        // A run that ended before its first message lacks none.
+        if summary.is_some_and(|summary| summary.recorder.messages == 0) {
+            self.refused = None;
+        }
         let clauses = self.damage_so_far();
         let accounts = self.assembler.accounts().iter();
         let expected = summary.map(|summary| &summary.topics);
