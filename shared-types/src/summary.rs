@@ -138,9 +138,9 @@ pub struct Machine {
 /// The messages of one topic.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TopicSummary {
-    /// Messages recorded.
+    /// Messages that the recorder has taken in, repeated ones included.
     pub count: u64,
-    /// 64-bit XXH3 of all contents in order, hexadecimal.
+    /// 64-bit XXH3 of their contents in order, hexadecimal.
     pub hash: String,
 }
 
@@ -478,11 +478,11 @@ pub struct Latency {
 /// The record.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RecorderSummary {
-    /// Messages received.
+    /// Messages that the recorder has taken in, repeated ones included.
     pub messages: u64,
-    /// Messages lost (gaps in the ticks).
+    /// Messages that were sent and that the recorder has not taken in, as far as known. A message that a fault drops is not sent.
     pub lost: u64,
-    /// Ticks recorded.
+    /// Ticks judged, also those that a full disk kept from the record.
     #[serde(default)]
     pub rows: u64,
     /// Size of the record; bytes.

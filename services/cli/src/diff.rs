@@ -20,5 +20,5 @@ pub(crate) struct DiffArgs {
 pub(crate) fn diff(args: &DiffArgs, as_json: bool) -> Result<bool, Failure> {
     let differing = lab::conformance::diff([&args.first, &args.second])?;
     answer(as_json, &differing, &differing);
-    Ok(differing.same)
+    Ok(differing.same && differing.damage.is_empty())
 }

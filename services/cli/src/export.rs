@@ -51,14 +51,21 @@ pub(crate) fn export(args: &ExportArgs, as_json: bool) -> Result<bool, Failure> 
         ExportFormat::Parquet => Form::Numbers(viz::ExportFormat::Parquet),
         ExportFormat::Rrd => Form::Recording,
     };
-    let session::Export { files, shortfall } = session::export(&run, form, &out, &observe)?;
+    let session::Export {
+        files,
+        last_tick,
+        shortfall,
+    } = session::export(&run, form, &out, &observe)?;
     let bytes = |path: &PathBuf| std::fs::metadata(path).map_or(0, |file| file.len());
     if as_json {
         let files: Vec<_> = files
             .iter()
             .map(|path| serde_json::json!({"file": path, "bytes": bytes(path)}))
             .collect();
-        say!("{}", serde_json::json!({"files": files}));
+        say!(
+            "{}",
+            serde_json::json!({"files": files, "last_tick": last_tick})
+        );
     } else {
         files
             .iter()

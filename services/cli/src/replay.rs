@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use session::Failure;
 
-use crate::out::answer;
+use crate::out::{answer, whole};
 use crate::progress::observe;
 
 #[derive(Args)]
@@ -22,8 +22,8 @@ pub(crate) struct ReplayArgs {
 }
 
 pub(crate) fn replay(args: &ReplayArgs, as_json: bool) -> Result<bool, Failure> {
-    let replayed =
+    let mut replayed =
         lab::conformance::replay(&args.run, args.process.as_deref(), &args.set, &observe)?;
     answer(as_json, &replayed, &replayed);
-    Ok(replayed.passed())
+    whole(replayed.lack.take()).map(|is_whole| is_whole && replayed.passed())
 }

@@ -156,6 +156,7 @@ pub fn rebuild(robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
     let path = job.out.join(MESSAGES);
     let contents = Contents::of(job);
     let mut book = Book::new(robot, job)?;
+    let mut missing = 0;
     match RecordReader::open(&path, &contents) {
         Ok(mut earlier) => {
             if !earlier.has_summary() {
@@ -163,11 +164,12 @@ pub fn rebuild(robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
             }
             let taken = book.take_up(&mut earlier, || Ok::<_, ProcessError>(()));
             taken.map(drop)?;
+            missing = earlier.missing;
         }
+        Err(RecordError::Unbegun { .. }) => {}
         Err(error) => {
             let refused = refusal(error).map_err(ProcessError::setup)?;
-            book.lacks
-                .extend(refused.map(|words| format!("{MESSAGES} {words}")));
+            book.lacks.push(format!("{MESSAGES} {refused}"));
         }
     }
     book.judge_rest(true);
@@ -177,7 +179,7 @@ pub fn rebuild(robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
         book.record.leave()
     }
     book.record.finish();
-    let mut summary = book.summary(0);
+    let mut summary = book.summary(missing);
     summary.recorder.bytes = std::fs::metadata(&path).map_or(0, |file| file.len());
     Ok(summary)
 }

@@ -8,6 +8,7 @@ use crate::contents::Contents;
 use crate::error::RecordError;
 use crate::event::{CDR, bytes, number, put_bytes, put_text, text};
 use crate::reader::{Item, RecordReader};
+use crate::ticks::refusal;
 
 /// Topic, type and definition of cuts.
 pub(crate) const CUTS: [&str; 3] = [
@@ -17,9 +18,6 @@ pub(crate) const CUTS: [&str; 3] = [
      ================================================================================\n\
      MSG: armplane/Saved\nstring process\nuint8[] state\n",
 ];
-
-/// The end of a file in which cuts are looked for first; bytes.
-const TAIL: u64 = 8 << 20;
 
 /// The states of all processes before a tick.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -50,7 +48,8 @@ impl Cut {
         Some(Self { tick, processes })
     }
 
-    /// The newest cut of a record at which a run can go on; `None` if it has none. `is_usable` says whether one of a tick is.
+    /// The newest cut of a record at which a run can go on; `None` if it has none. `is_usable` says whether one of a tick is. Behind the first damage
+    /// none is: the record would keep the hole.
     ///
     /// # Errors
     /// When the record cannot be read.
@@ -59,22 +58,24 @@ impl Cut {
         contents: &Contents,
         is_usable: impl Fn(u64) -> bool,
     ) -> Result<Option<Self>, RecordError> {
-        let length = std::fs::metadata(path).map_or(0, |file| file.len());
-        let mut tail = TAIL;
+        let mut last = u64::MAX;
         loop {
+            let mut record = match RecordReader::open_before(path, contents, last) {
+                Ok(record) => record,
+                Err(error) => return refusal(error).map(|_| None),
+            };
             let mut newest = None;
-            let mut end = RecordReader::at_end(path, contents, tail)?;
-            while let Some(item) = end.as_mut().and_then(RecordReader::next_item) {
+            while let Some(item) = record.next_item() {
                 if let Item::Cut(cut) = item
                     && is_usable(cut.tick)
                 {
                     newest = Some(cut);
                 }
             }
-            if newest.is_some() || tail >= length {
-                return Ok(newest);
+            match (&newest, record.damage().first()) {
+                (Some(cut), Some(damage)) if cut.tick > *damage.start() => last = *damage.start(),
+                _ => return Ok(newest),
             }
-            tail *= 8;
         }
     }
 }

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::fs::File;
 use std::io::{ErrorKind, Read as _, Seek as _, SeekFrom};
-use std::ops::Range;
+use std::ops::{Range, RangeInclusive};
 use std::path::{Path, PathBuf};
 
 use bytemuck::try_pod_read_unaligned;
@@ -61,8 +61,10 @@ pub struct RecordReader {
     /// The messages read of each channel, and the tick of the last one.
     counts: Vec<u32>,
     ticks: Vec<u64>,
-    /// Ticks at which it is not as it was written.
-    damage: Vec<u64>,
+    /// Ticks of which it may lack messages, in order.
+    damage: Vec<RangeInclusive<u64>>,
+    /// Messages that are missing before one that was read.
+    pub(crate) missing: u64,
     /// Whether its writer has ended it: it lacks nothing of what that was given.
     pub(crate) is_ended: bool,
     /// Messages of this tick or later are passed over, but for a cut at it.
@@ -103,7 +105,7 @@ impl RecordReader {
         let magic = reader.read(0, MAGIC.len() as u64)?;
         reader.at = MAGIC.len() as u64;
         if !MAGIC.starts_with(&magic) {
-            reader.note();
+            reader.note_here();
             reader.at = reader.find_chunk(0)?.ok_or_else(|| {
                 RecordError::damaged(path, &"its first bytes are not those of such a file")
             })?;
@@ -132,6 +134,7 @@ impl RecordReader {
             counts: vec![0; topics],
             ticks: vec![0; topics],
             damage: Vec::new(),
+            missing: 0,
             is_ended: false,
             limit: u64::MAX,
         })
@@ -215,7 +218,7 @@ impl RecordReader {
             }
             let taken = self.take_chunk(false).unwrap_or_else(|error| {
                 runtime::complain(&error);
-                self.note();
+                self.note_here();
                 false
             });
             if !taken {
@@ -230,8 +233,8 @@ impl RecordReader {
         std::iter::from_fn(move || try_pod_read_unaligned(self.next_of(channel)?).ok())
     }
 
-    /// The ticks at which it is not as it was written, as far as it has been read: chunks are damaged, missing, or there again.
-    pub fn damage(&self) -> &[u64] {
+    /// The ticks of which messages may be missing, as far as it has been read: chunks are damaged, missing, or there again.
+    pub fn damage(&self) -> &[RangeInclusive<u64>] {
         &self.damage
     }
 
@@ -288,9 +291,9 @@ impl RecordReader {
                             self.admit(chunk);
                             return Ok(true);
                         }
-                        Err(RecordError::Damaged { .. }) => self.note(),
+                        Err(RecordError::Damaged { .. }) => self.note(self.ticks_of(&record)),
                         Err(foreign) if is_first => return Err(foreign),
-                        Err(_) => self.note(),
+                        Err(_) => self.note_here(),
                     }
                     // Its length may be wrong, too.
                     self.at = self.find_chunk(self.at + 1)?.unwrap_or(self.at + length);
@@ -298,7 +301,7 @@ impl RecordReader {
                 Some((op, length)) if RECORDS.contains(&op) => self.at += length,
                 _ => match self.find_chunk(behind + 1)? {
                     Some(chunk) => {
-                        self.note();
+                        self.note_here();
                         self.at = chunk;
                     }
                     None => return Ok(false),
@@ -407,28 +410,38 @@ impl RecordReader {
 
     /// Takes in the messages of a chunk but for those that have come before, and notes that some are missing before it.
     fn admit(&mut self, mut chunk: Chunk) {
-        let mut is_whole = true;
-        let next = self.next_tick();
+        let mut flaws = Vec::new();
         chunk.messages.retain(|message| {
             let Some(count) = self.counts.get_mut(message.channel) else {
                 let is_cut = message.channel == self.contents.extra()[2];
                 let tick = self.contents.tick_at(message.time_ns);
                 return tick < self.limit || is_cut && tick == self.limit;
             };
-            let ahead = message.number.wrapping_sub(*count) as i32;
-            let is_first = *count == FROM_ANYWHERE;
-            is_whole &= ahead == 0 || is_first;
-            if ahead < 0 && !is_first {
+            let tick = tick_of(&chunk.bytes[message.bytes.clone()]);
+            let ahead = match *count {
+                FROM_ANYWHERE => 0,
+                count => message.number.wrapping_sub(count) as i32,
+            };
+            if ahead < 0 {
+                flaws.push((true, tick..=tick));
                 return false;
             }
+            let last = std::mem::replace(&mut self.ticks[message.channel], tick);
+            if ahead > 0 {
+                self.missing += ahead as u64;
+                let from = last + u64::from(*count > 0);
+                let is_exact = from + ahead as u64 == tick;
+                flaws.push((is_exact, from..=tick.saturating_sub(1)));
+            }
             *count = message.number.wrapping_add(1);
-            let tick = tick_of(&chunk.bytes[message.bytes.clone()]);
-            self.ticks[message.channel] = tick;
             tick < self.limit
         });
-        // Of a damaged chunk before it that is known.
-        if !is_whole && self.damage.last() != Some(&next) {
-            self.damage.push(next);
+        // Of a topic without a message at each tick others say better which ticks it lacks.
+        flaws.sort_by_key(|(is_exact, _)| !is_exact);
+        for (is_exact, ticks) in flaws {
+            if is_exact || self.damage.is_empty() {
+                self.note(ticks);
+            }
         }
         self.chunk = chunk;
     }
@@ -440,7 +453,38 @@ impl RecordReader {
         next.unwrap_or_default()
     }
 
-    fn note(&mut self) {
-        self.damage.push(self.next_tick());
+    /// The ticks that the head of a damaged chunk names: the checksum does not cover it.
+    fn ticks_of(&self, chunk: &[u8]) -> RangeInclusive<u64> {
+        let next = self.next_tick();
+        let tick = |at: usize| {
+            let time_ns = chunk.get(at..).and_then(|bytes| bytes.first_chunk());
+            time_ns.map_or(next, |bytes| {
+                self.contents.tick_at(u64::from_le_bytes(*bytes))
+            })
+        };
+        tick(PREFIX).min(next)..=tick(PREFIX + 8)
+    }
+
+    fn note_here(&mut self) {
+        let next = self.next_tick();
+        self.note(next..=next);
+    }
+
+    /// Notes that messages of these ticks may be missing; joins ranges that meet, because a chunk has other ticks of each topic.
+    fn note(&mut self, ticks: RangeInclusive<u64>) {
+        let (mut from, mut to) = (*ticks.start(), *ticks.start().max(ticks.end()));
+        if from >= self.limit {
+            return;
+        }
+        self.damage.retain(|one| {
+            let is_apart =
+                one.end().saturating_add(1) < from || to.saturating_add(1) < *one.start();
+            if !is_apart {
+                (from, to) = (from.min(*one.start()), to.max(*one.end()));
+            }
+            is_apart
+        });
+        let place = self.damage.partition_point(|one| *one.start() < from);
+        self.damage.insert(place, from..=to);
     }
 }

@@ -1,6 +1,7 @@
 //! The ticks of a run, made of its messages: those of a record, or those that come while it runs. Everything that is made of a run is made of these.
 
 use std::collections::VecDeque;
+use std::ops::RangeInclusive;
 use std::path::Path;
 
 use bytemuck::try_pod_read_unaligned;
@@ -197,43 +198,27 @@ pub struct Ticks {
     assembler: Assembler,
     events: Vec<Event>,
     /// Why there is none.
-    refused: Option<&'static str>,
+    refused: Option<String>,
 }
 
 impl Ticks {
-    /// The ticks of a job's run from a record.
-    ///
-    /// # Errors
-    /// [`RecordError`] if the record is not there, is of another run, or its messages are not this program's.
-    pub fn open(path: &Path, job: &Job) -> Result<Self, RecordError> {
-        let contents = Contents::of(job);
-        let record = RecordReader::open(path, &contents)?;
-        Ok(Self::new(Some(record), &contents, None))
-    }
-
-    /// The same where there may be no record yet, or one that is damaged or of another run: then there is no tick.
+    /// The ticks of a job's run from its record. Where there is none, none yet, or one that is damaged or of another run, there is no tick.
     ///
     /// # Errors
     /// [`RecordError`] if the file cannot be read or its messages are not this program's.
-    pub fn open_left(path: &Path, job: &Job) -> Result<Self, RecordError> {
+    pub fn open(path: &Path, job: &Job) -> Result<Self, RecordError> {
         let contents = Contents::of(job);
-        match RecordReader::open(path, &contents) {
-            Ok(record) => Ok(Self::new(Some(record), &contents, None)),
-            Err(error) => Ok(Self::new(None, &contents, refusal(error)?)),
-        }
-    }
-
-    fn new(
-        record: Option<RecordReader>,
-        contents: &Contents,
-        refused: Option<&'static str>,
-    ) -> Self {
-        Self {
+        let opened = RecordReader::open(path, &contents);
+        let (record, refused) = match opened {
+            Ok(record) => (Some(record), None),
+            Err(error) => (None, Some(refusal(error)?)),
+        };
+        Ok(Self {
             record,
-            assembler: Assembler::new(contents),
+            assembler: Assembler::new(&contents),
             events: Vec::new(),
             refused,
-        }
+        })
     }
 
     /// The events that have been read since the last call; each has its tick.
@@ -245,6 +230,10 @@ impl Ticks {
     /// for each. A topic that the summary does not name is left out of the comparison.
     pub fn damage(mut self, summary: Option<&Summary>) -> Vec<String> {
         self.by_ref().for_each(drop);
+        // A run that ended before its first message lacks none.
+        if summary.is_some_and(|summary| summary.recorder.messages == 0) {
+            self.refused = None;
+        }
         let clauses = self.damage_so_far();
         let accounts = self.assembler.accounts().iter();
         let expected = summary.map(|summary| &summary.topics);
@@ -252,46 +241,50 @@ impl Ticks {
             let expected = expected.and_then(|topics| topics.get(&one.topic));
             expected.is_some_and(|expected| *expected != one.hash.summary())
         });
-        match (clauses.is_empty(), other.min_by_key(|one| one.next_tick)) {
-            (true, Some(one)) => {
-                let Account {
-                    topic, next_tick, ..
-                } = one;
-                vec![format!(
-                    "{MESSAGES} holds other messages than the run has sent: of `{topic}` {} to tick {next_tick}",
-                    one.hash.count()
-                )]
-            }
-            _ => clauses,
-        }
+        let Some(one) = other
+            .min_by_key(|one| one.next_tick)
+            .filter(|_| clauses.is_empty())
+        else {
+            return clauses;
+        };
+        let (topic, tick, count) = (&one.topic, one.next_tick, one.hash.count());
+        let is_ended = self.record.is_some_and(|record| record.is_ended);
+        vec![match is_ended {
+            true => format!(
+                "{MESSAGES} holds other messages than the run has sent: of `{topic}` {count} to tick {tick}"
+            ),
+            false => format!("{MESSAGES} is cut off: messages from tick {tick} on are missing"),
+        }]
     }
 
     /// The damage as far as the record has been read, in words.
     pub fn damage_so_far(&self) -> Vec<String> {
         let read = self.record.as_ref().map_or(&[][..], RecordReader::damage);
-        let refused = self.refused.map(|words| format!("{MESSAGES} {words}"));
+        let refused = self.refused.as_ref();
+        let refused = refused.map(|words| format!("{MESSAGES} {words}"));
         places(read).into_iter().chain(refused).collect()
     }
 }
 
-/// The places at which a record is damaged, in words.
-pub(crate) fn places(damage: &[u64]) -> Option<String> {
-    let place = match damage {
-        [] => return None,
-        [tick] => format!("at tick {tick}"),
-        [tick, ..] => format!("in {} places, first at tick {tick}", damage.len()),
+/// The ticks of which a record may lack messages, in words.
+pub(crate) fn places(damage: &[RangeInclusive<u64>]) -> Option<String> {
+    let (from, to) = (damage.first()?.start(), damage.last()?.end());
+    let places = match damage.len() {
+        1 => String::new(),
+        count => format!(" in {count} places"),
     };
     Some(format!(
-        "{MESSAGES} is damaged {place}: what can be read there is used"
+        "{MESSAGES} is damaged{places}: messages of ticks {from} to {to} may be missing"
     ))
 }
 
-/// Why there is no record that can be read, where that is no error.
-pub(crate) fn refusal(error: RecordError) -> Result<Option<&'static str>, RecordError> {
+/// Why there is no record that can be read, in words, where its file can be.
+pub(crate) fn refusal(error: RecordError) -> Result<String, RecordError> {
     match error {
-        error if error.is_absent() => Ok(None),
-        RecordError::OtherRun { .. } => Ok(Some("is the record of another run")),
-        RecordError::Damaged { .. } => Ok(Some("is damaged")),
+        RecordError::Unbegun { .. } => Ok("has no message".to_owned()),
+        error if error.is_absent() => Ok("is missing".to_owned()),
+        RecordError::OtherRun { .. } => Ok("is the record of another run".to_owned()),
+        RecordError::Damaged { reason, .. } => Ok(format!("is no record of a run: {reason}")),
         error => Err(error),
     }
 }

@@ -22,6 +22,7 @@ const QUIET: Duration = Duration::from_secs(1);
 
 /// The remains of a run: its messages, tick by tick, and what is known besides.
 pub(crate) struct Record {
+    run: Run,
     pub(crate) job: Job,
     pub(crate) robot: Robot,
     /// None yet of a run that still goes on, or whose launcher was killed.
@@ -33,7 +34,7 @@ pub(crate) struct Record {
 
 impl Record {
     /// # Errors
-    /// [`Failure::Input`] where the run has no record, or none that is its own.
+    /// [`Failure::Input`] where no tick of the run can be read.
     pub(crate) fn open(run: &Run) -> Result<Self, Failure> {
         let job = run.job()?;
         if !job.record {
@@ -42,6 +43,7 @@ impl Record {
                 run.folder.display()
             )));
         }
+        run.check_readable(&job)?;
         let summary = run.summary_if_any();
         let defect = summary.as_ref().err().cloned();
         let record = Self::of(job, &run.folder, summary.ok().flatten())?;
@@ -59,8 +61,11 @@ impl Record {
             job.run.clone_from(&summary.of.run);
         }
         let robot = Robot::from_source(&job.robot).map_err(Failure::input)?;
-        let ticks = Ticks::open_left(&folder.join(MESSAGES), &job).map_err(Failure::input)?;
+        let ticks = Ticks::open(&folder.join(MESSAGES), &job).map_err(Failure::input)?;
         Ok(Self {
+            run: Run {
+                folder: folder.to_owned(),
+            },
             ticks,
             job,
             robot,
@@ -110,11 +115,15 @@ impl Record {
         if is_shown.get() {
             observer(Progress::End);
         }
+        let has_summary = self.summary.is_some() || self.defect.is_some();
         let mut lacks = self.ticks.damage(self.summary.as_ref());
         lacks.extend(self.defect);
         let error = self.summary.map(|summary| summary.recorder.error);
         lacks.extend(error.filter(|error| !error.is_empty() && !lacks.contains(error)));
         let last = last.get();
+        if let Some(last) = last.filter(|_| !has_summary) {
+            self.run.say_end(last, observer);
+        }
         (made, Read { last, lacks })
     }
 }
@@ -233,28 +242,13 @@ pub fn shown(run: &Run, observer: Observer<'_>) -> Result<Shown, Failure> {
         .as_ref()
         .map_or(file, |folder| folder.path().join(RECORDING));
     let mut signals = interrupts()?;
-    let (drawn, Read { last, lacks }) = record.make(RECORDING, &mut signals, observer, |source| {
+    let (drawn, Read { lacks, .. }) = record.make(RECORDING, &mut signals, observer, |source| {
         draw(source, &file, observer)
     });
     drawn.map_err(Failure::work)?;
-    let Some(last) = last else {
-        let lack = lacks
-            .first()
-            .map_or("its record has no tick", String::as_str);
-        let _ = std::fs::remove_file(&file);
-        return Err(Failure::Input(run.with_remedy(&lack)));
-    };
-    let lack = if is_alive {
-        let folder = run.folder.display();
-        let sentence = format!("{folder} still runs: the recording ends at tick {last}");
-        say(observer, sentence);
-        None
-    } else {
-        (!lacks.is_empty()).then(|| run.with_remedy(&lacks.join("; ")))
-    };
     Ok(Shown {
         file,
-        lack,
+        lack: (!lacks.is_empty()).then(|| run.with_remedy(&lacks.join("; "))),
         _passing: passing,
     })
 }

@@ -28,6 +28,8 @@ pub enum ExportFormat {
 pub struct Export {
     /// The files.
     pub files: Vec<PathBuf>,
+    /// The last tick in them.
+    pub last_tick: Option<u64>,
     /// One sentence, where the record holds less than the run: how much of it, why, and the remedy.
     pub shortfall: Option<String>,
 }
@@ -54,13 +56,13 @@ pub fn export(
         save_blueprint(run, layout, &path)?;
         return Ok(Export {
             files: vec![path],
+            last_tick: None,
             shortfall: None,
         });
     }
     let record = Record::open(run)?;
-    run.check_readable(&record.job)?;
     make_folder()?;
-    let (files, Read { lacks, .. }) =
+    let (files, Read { last, lacks }) =
         record.make("export", &mut interrupts()?, observer, |source| {
             let ExportFormat::Numbers(format) = format else {
                 let path = out.join(RECORDING);
@@ -71,6 +73,7 @@ pub fn export(
         });
     Ok(Export {
         files: files?,
+        last_tick: last,
         shortfall: (!lacks.is_empty()).then(|| run.with_remedy(&lacks.join("; "))),
     })
 }

@@ -242,6 +242,11 @@ fn write_job(job: &Job, run_dir: &Path) -> Result<(), Failure> {
         files::write(&path, arm).map_err(Failure::cannot("write", &path))?;
     }
     if job.out.is_dir() {
+        let record = job.out.join(recorder::MESSAGES);
+        if job.record && !record.exists() {
+            // Empty, and before the job: a killed run that has a job and no record has lost it since.
+            files::create(&record).map_err(Failure::cannot("make", &record))?;
+        }
         let path = job.out.join(JOB);
         let kept = serde_json::to_vec_pretty(job).map_err(Failure::work)?;
         Draft::write(&path, kept).map_err(Failure::cannot("write", &path))?;

@@ -213,7 +213,8 @@ fn gap_before(record: &Path, job: &Job, tick: u64, cut: u64) -> Result<Option<St
         return Ok(None);
     }
     let contents = Contents::of(job);
-    let mut record = RecordReader::open(record, &contents).map_err(Failure::input)?;
+    let record = RecordReader::open_before(record, &contents, tick);
+    let mut record = record.map_err(Failure::input)?;
     let mut next = vec![0; contents.layouts().len()];
     while let Some(item) = record.next_item() {
         if let Item::Message { channel, message } = item
@@ -222,8 +223,8 @@ fn gap_before(record: &Path, job: &Job, tick: u64, cut: u64) -> Result<Option<St
             *next = tick_of(message) + 1;
         }
     }
-    if let Some(at) = record.damage().iter().find(|at| **at < tick) {
-        return Ok(Some(format!("is damaged at tick {at}")));
+    if let Some(ticks) = record.damage().first() {
+        return Ok(Some(format!("is damaged at tick {}", ticks.start())));
     }
     // Of the topics that have a message at each tick.
     let ends = CHAIN.iter().filter_map(|topic| contents.channel(topic));

@@ -10,6 +10,7 @@ use viz::RECORDING;
 
 use crate::failure::Failure;
 use crate::observation::Living;
+use crate::progress::{Observer, say};
 use crate::results::{RUNS, SCENARIO, SUMMARY};
 
 /// The remedy where a run has not written its results yet.
@@ -62,7 +63,7 @@ impl Run {
     /// # Errors
     /// [`Failure::Input`] if there is none.
     pub(crate) fn check_readable(&self, job: &Job) -> Result<(), Failure> {
-        let opened = Ticks::open_left(&self.folder.join(MESSAGES), job);
+        let opened = Ticks::open(&self.folder.join(MESSAGES), job);
         let mut rows = opened.map_err(|error| Failure::Input(self.with_remedy(&error)))?;
         if rows.next().is_some() {
             return Ok(());
@@ -82,13 +83,26 @@ impl Run {
         } else if self.folder.join(SCENARIO).exists() {
             self.again()
         } else {
-            format!("if the run has ended, `armplane recover {folder}` makes it from its messages")
+            format!("if the run has ended, `armplane recover {folder}` makes its results")
         };
         format!("{folder}: {lack}; {remedy}")
     }
 
+    /// Says to which tick a record was read that has no summary beside it: the run goes on, or its launcher was killed.
+    pub fn say_end(&self, last: u64, observer: Observer<'_>) {
+        let state = match self.is_alive() {
+            true => "still runs".to_owned(),
+            false => format!("has no {SUMMARY}"),
+        };
+        let folder = self.folder.display();
+        say(
+            observer,
+            format_args!("{folder} {state}: its record was read to tick {last}"),
+        );
+    }
+
     /// The way to the same run with all its results.
-    pub fn again(&self) -> String {
+    fn again(&self) -> String {
         match self.folder.join(SCENARIO).exists() {
             true => format!(
                 "`armplane run {}/{SCENARIO}` makes the run again",
@@ -114,7 +128,7 @@ impl Run {
                 String::new()
             };
             let remedy = format!(
-                "if the run has ended, {first}`armplane recover {}` makes it from its messages",
+                "if the run has ended, {first}`armplane recover {}` makes its results",
                 self.folder.display()
             );
             Failure::Input(format!("{defect}; {remedy}"))
@@ -161,14 +175,14 @@ impl Run {
 
     /// A clause for each way in which the record is damaged or does not match the summary's counts; and whether messages may be lost amid it.
     pub fn message_damage(&self, job: &Job, summary: Option<&Summary>) -> (Vec<String>, bool) {
-        match Ticks::open_left(&self.folder.join(MESSAGES), job) {
+        match Ticks::open(&self.folder.join(MESSAGES), job) {
             _ if !job.record => (Vec::new(), false),
             Ok(mut ticks) => {
                 ticks.by_ref().for_each(drop);
                 let may_lack = !ticks.damage_so_far().is_empty();
                 (ticks.damage(summary), may_lack)
             }
-            Err(error) => (vec![error.to_string()], false),
+            Err(error) => (vec![error.to_string()], true),
         }
     }
 

@@ -8,12 +8,12 @@ use launcher::{Death, End, Exit, Failure, Outcome, ProcessOutcome};
 use runtime::{Counts, FaultRecord, Origin};
 use shared_types::fault::ScheduledFault;
 use shared_types::job::{Job, Mode};
-use shared_types::process::Role;
+use shared_types::process::{Program, Role};
 use shared_types::scenario::Scenario;
 use shared_types::summary::{
     Deadlines, FAILED, FaultSummary, INTERRUPTED, Pace, ProcessSummary, RecorderSummary, Summary,
 };
-use shared_types::{Message, SensorSample, TorqueCommand};
+use shared_types::{Message, SensorSample};
 
 use crate::export::joined;
 use crate::machine::machine;
@@ -65,12 +65,17 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
     }
     let counts: Vec<_> = outcome.processes.iter().map(|one| one.counts).collect();
     summary.deadlines = deadlines(job, ticks, &counts);
-    let account = summary.deadlines.as_ref();
-    // What the plant has received and the recorder has not.
-    let torques = summary.topics.get(TorqueCommand::TOPIC);
-    let received = account.map_or(0, |account| account.in_time + account.late);
-    let missing = received.saturating_sub(torques.map_or(0, |topic| topic.count));
-    summary.recorder.lost = summary.recorder.lost.max(missing);
+    if summary.deadlines.is_some() {
+        // The recorder may have died after its account, or have left none.
+        let recorder = outcome.processes.iter();
+        let recorder = recorder.filter(|one| one.name == Program::Recorder.name());
+        let refused: u64 = recorder
+            .map(|one| one.counts.refused + one.counts.fenced)
+            .sum();
+        let sent: u64 = counts.iter().map(|one| one.sent).sum();
+        let missing = sent.saturating_sub(summary.recorder.messages + refused);
+        summary.recorder.lost = summary.recorder.lost.max(missing);
+    }
     summary.processes = outcome
         .processes
         .iter()

@@ -207,15 +207,16 @@ impl std::fmt::Display for Place {
     }
 }
 
-/// Reads the messages of two runs beside each other up to the first difference: the earliest, and of one tick the first in the order of the data, for it is
-/// the cause and the others follow from it.
-pub(super) fn first_place(expected: &Kept, found: &Kept) -> Result<Option<Place>, Failure> {
+/// The topics that differ between two runs, each with its first place. The first of all is the earliest, and of one tick the first in the order of the data,
+/// for it is the cause and the others follow from it.
+pub(super) fn places(expected: &Kept, found: &Kept) -> Result<Vec<Place>, Failure> {
     let mut places = Vec::new();
     for (channel, layout) in found.contents.layouts().iter().enumerate() {
         let [expected, found] = [expected, found].map(|kept| kept.read().map_err(Failure::work));
         places.extend(first_of(layout, channel, expected?, found?));
     }
-    Ok(places.into_iter().min_by_key(|place| place.tick))
+    places.sort_by_key(|place| place.tick);
+    Ok(places)
 }
 
 /// The first difference of a topic; either run may lack what the other has.

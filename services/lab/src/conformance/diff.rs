@@ -11,7 +11,7 @@ use session::{Failure, Run};
 use shared_types::job::Job;
 use shared_types::summary::Summary;
 
-use super::compared::{Place, differing, first_place, record_of};
+use super::compared::{Place, differing, places, record_of};
 
 /// Most characters of a value that are shown to people.
 const LONGEST: usize = 80;
@@ -30,7 +30,7 @@ pub struct Change {
 pub struct Differing {
     /// Their folders.
     pub runs: [PathBuf; 2],
-    /// Whether there is none.
+    /// Whether there is none, as far as both records can be read.
     pub same: bool,
     /// Of scenario, program and outcome, but for what depends on the machine.
     pub changes: Vec<Change>,
@@ -42,6 +42,8 @@ pub struct Differing {
     pub without: Option<PathBuf>,
     /// Why the messages could not be compared.
     pub remark: Option<String>,
+    /// Each way in which a record is damaged or does not match its run's summary, in a clause.
+    pub damage: Vec<String>,
 }
 
 /// Compares what two runs have left in their folders.
@@ -59,27 +61,41 @@ pub fn diff(folders: [&Path; 2]) -> Result<Differing, Failure> {
         .each_ref()
         .map(|(job, summary, _)| values(job, summary));
     let changes = changes(&trees);
-    let topics = differing(both.each_ref().map(|(_, summary, _)| &summary.topics));
     let without = both.iter().find(|(job, ..)| !job.record);
     let without = without.map(|(_, _, folder)| folder.clone());
     // The records of now are compared: the hashes are of the records as they were written.
-    let place = match without {
-        Some(_) => Ok(None),
-        None => place(&both),
+    let found = match without {
+        Some(_) => Ok(Vec::new()),
+        None => first_places(&both),
     };
-    let is_same_record = matches!(place, Ok(None));
+    let mut topics = differing(both.each_ref().map(|(_, summary, _)| &summary.topics));
+    topics.extend(found.iter().flatten().map(|place| place.topic.clone()));
+    topics.sort();
+    topics.dedup();
+    let mut damage: Vec<_> = both.iter().flat_map(damage_of).collect();
+    damage.dedup();
     Ok(Differing {
-        same: changes.is_empty() && topics.is_empty() && is_same_record,
+        same: changes.is_empty() && topics.is_empty() && found.is_ok(),
         changes,
         topics,
         without,
-        remark: place.as_ref().err().map(ToString::to_string),
-        difference: place.ok().flatten(),
+        remark: found.as_ref().err().map(ToString::to_string),
+        damage,
+        difference: found.ok().and_then(|places| places.into_iter().next()),
         runs: both.map(|(_, _, folder)| folder),
     })
 }
 
-fn place(runs: &[(Job, Summary, PathBuf); 2]) -> Result<Option<Place>, Failure> {
+fn damage_of((job, summary, folder): &(Job, Summary, PathBuf)) -> Vec<String> {
+    let run = Run {
+        folder: folder.clone(),
+    };
+    let (damage, _) = run.message_damage(job, Some(summary));
+    let named = |clause| format!("{}: {clause}", folder.display());
+    damage.into_iter().map(named).collect()
+}
+
+fn first_places(runs: &[(Job, Summary, PathBuf); 2]) -> Result<Vec<Place>, Failure> {
     let [first, second] = runs
         .each_ref()
         .map(|(job, _, folder)| record_of(folder, job));
@@ -87,7 +103,7 @@ fn place(runs: &[(Job, Summary, PathBuf); 2]) -> Result<Option<Place>, Failure> 
     if first.contents.layouts() != second.contents.layouts() {
         return Err(Failure::input("their messages have different layouts"));
     }
-    first_place(&first, &second)
+    places(&first, &second)
 }
 
 /// The causes of a run, and how it ended.
@@ -129,43 +145,74 @@ impl fmt::Display for Differing {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [first, second] = self.runs.each_ref().map(|folder| folder.display());
         for Change { key, values } in &self.changes {
-            let [before, after] = values.each_ref().map(shown);
+            let [before, after] = shown(values);
             writeln!(f, "{key}: {before} → {after}")?;
         }
         if let Some(place) = &self.difference {
             writeln!(f, "{place}")?;
         }
-        if let Some(remark) = &self.remark {
-            writeln!(f, "the messages could not be compared: {remark}")?;
+        // Of a record that cannot be read the remark says the same.
+        let remark = self.remark.iter().filter(|_| self.damage.is_empty());
+        for clause in remark.chain(&self.damage) {
+            writeln!(f, "{clause}")?;
         }
         let hashes = self.without.as_ref().map_or(String::new(), |folder| {
             let folder = folder.display();
             format!(", by their recorded hashes: {folder} kept no messages")
         });
+        let readable = match self.damage.is_empty() {
+            true => "",
+            false => ", as far as they can be read",
+        };
         if self.same {
             return writeln!(
                 f,
-                "{first} and {second}: the same scenario, program, outcome and messages{hashes}"
+                "{first} and {second}: the same scenario, program, outcome and messages{hashes}{readable}"
             );
         }
         let [values, topics] = [self.changes.len(), self.topics.len()].map(|all| all as u64);
-        let (values, topics) = (count(values, "value"), count(topics, "topic"));
-        writeln!(
-            f,
-            "{first} and {second} DIFFER: {values}, messages of {topics}"
-        )
+        let messages = match self.remark {
+            Some(_) => "their messages could not be compared".to_owned(),
+            None => format!("messages of {}", count(topics, "topic")),
+        };
+        let values = count(values, "value");
+        writeln!(f, "{first} and {second} DIFFER: {values}, {messages}")
     }
 }
 
-/// A value in a few words.
-fn shown(value: &Value) -> String {
-    let text = match value {
+/// Two values in a few words each, from shortly before the first character in which they differ.
+fn shown(values: &[Value; 2]) -> [String; 2] {
+    let texts = values.each_ref().map(|value| match value {
         Value::Null => "–".to_owned(),
         Value::String(text) => text.replace('\n', " "),
         other => other.to_string(),
-    };
-    match text.char_indices().nth(LONGEST) {
-        Some((at, _)) => format!("{} …", &text[..at]),
-        None => text,
+    });
+    let pairs = texts[0].chars().zip(texts[1].chars());
+    let common = pairs.take_while(|(one, other)| one == other).count();
+    let skipped = common.saturating_sub(LONGEST / 2);
+    texts.map(|text| {
+        let mut rest = text.chars().skip(skipped);
+        let shown: String = rest.by_ref().take(LONGEST).collect();
+        let before = if skipped > 0 { "… " } else { "" };
+        let behind = if rest.next().is_some() { " …" } else { "" };
+        format!("{before}{shown}{behind}")
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_that_differ_late_are_shown_where_they_differ() {
+        let long = |end: &str| Value::String("same ".repeat(100) + end);
+        let [one, other] = shown(&[long("of 1 mm"), long("of 2 mm")]);
+        assert!(
+            one.contains("1 mm") && other.contains("2 mm"),
+            "{one} {other}"
+        );
+        assert!(one.chars().count() <= LONGEST + 4);
+        let short = shown(&[Value::Null, json!(0.5)]);
+        assert_eq!(short, ["–", "0.5"]);
     }
 }

@@ -59,8 +59,13 @@ pub struct Replayed {
     pub topics: Vec<Compared>,
     /// Recorded outputs whose inputs are not in the record; they cannot be computed again.
     pub without_input: u64,
-    /// The message logs that do not hold what the run's summary counts, a clause for each.
+    /// The last tick of the record.
+    pub last_tick: u64,
+    /// Each way in which the record is damaged or does not match the run's summary, in a clause.
     pub damage: Vec<String>,
+    /// The same in one sentence, with the remedy.
+    #[serde(skip)]
+    pub lack: Option<String>,
     /// Why the replay ended before the record did; empty where it did not.
     pub ended: String,
     /// The run did not come to its end, so that its record may lack the last messages.
@@ -80,8 +85,8 @@ impl Replayed {
 
     /// Why nothing could be compared.
     fn nothing(&self, run: &Run) -> Failure {
-        if !self.damage.is_empty() {
-            return damaged(run, &self.damage);
+        if let Some(lack) = &self.lack {
+            return Failure::Work(lack.clone());
         }
         let (run, name) = (run.folder.display(), &self.process);
         Failure::Input(format!(
@@ -147,9 +152,6 @@ impl fmt::Display for Replayed {
                 self.without_input
             )?;
         }
-        for damage in &self.damage {
-            writeln!(f, "damaged: {damage}")?;
-        }
         if !self.ended.is_empty() {
             writeln!(f, "{}", self.ended)?;
         }
@@ -186,12 +188,13 @@ pub fn replay(
     let (process, program) = chosen(&job, process).ok_or_else(|| no_step(process, &job, folder))?;
     let (name, writes) = (process.name.clone(), &process.writes);
     let (summary, damage, has_holes) = damage_of(&run, &job);
-    let record = Ticks::open(&folder.join(MESSAGES), &job);
-    if has_holes || record.is_err() && !damage.is_empty() {
+    let lack = (!damage.is_empty()).then(|| damage.join("; "));
+    if let Some(lack) = lack.as_ref().filter(|_| has_holes) {
         // The state of no process goes on over messages that are lost.
-        return Err(damaged(&run, &damage));
+        let lack = format_args!("{lack}; so nothing was replayed");
+        return Err(Failure::Work(run.with_remedy(&lack)));
     }
-    let record = record.map_err(|error| damaged(&run, &[error.to_string()]))?;
+    let record = Ticks::open(&folder.join(MESSAGES), &job).map_err(Failure::work)?;
     let step = chain::step_of(program, &robot, &scenario).map_err(Failure::input)?;
     let step = step.ok_or_else(|| no_step(Some(&name), &job, folder))?;
     let outputs = writes.iter().filter_map(|topic| Output::named(topic));
@@ -204,7 +207,12 @@ pub fn replay(
         faults: scheduled_faults(summary.as_ref(), &job, &name)?,
         without_input: 0,
     };
-    let ended = player.play(record, &scenario, observer);
+    let mut last_tick = 0;
+    let rows = record.inspect(|row| last_tick = row.tick);
+    let ended = player.play(rows, &scenario, observer);
+    if summary.is_none() && damage.is_empty() {
+        run.say_end(last_tick, observer);
+    }
     let without_input = player.without_input;
     let (difference, topics) = player.compared();
     let replayed = Replayed {
@@ -219,8 +227,10 @@ pub fn replay(
         topics,
         without_input,
         is_cut: summary.as_ref().is_none_or(|summary| !summary.completed),
+        last_tick,
         ended,
         damage,
+        lack: lack.map(|lack| run.with_remedy(&lack)),
     };
     if replayed.is_empty() {
         return Err(replayed.nothing(&run));
@@ -286,16 +296,6 @@ fn no_step(process: Option<&str>, job: &Job, folder: &Path) -> Failure {
             known.join(", ")
         ),
     })
-}
-
-/// The message logs of a run are not whole.
-fn damaged(run: &Run, damage: &[String]) -> Failure {
-    Failure::Work(format!(
-        "{}: {}; {}",
-        run.folder.display(),
-        damage.join("; "),
-        run.again()
-    ))
 }
 
 /// The faults that happened to a process, planned or not: the summary knows of all, and without one (the run was stopped) the plan counts.
@@ -404,7 +404,12 @@ fn bytes<'a>(row: &'a Row, topic: &str) -> Option<&'a [u8]> {
 
 impl Player {
     /// Computes the process's outputs again. The sentence: why the replay ended before the record did.
-    fn play(&mut self, record: Ticks, scenario: &Scenario, observer: Observer<'_>) -> String {
+    fn play(
+        &mut self,
+        record: impl Iterator<Item = Box<Row>>,
+        scenario: &Scenario,
+        observer: Observer<'_>,
+    ) -> String {
         observer(Progress::Begin {
             title: &scenario.name,
             length: scenario.planned_ticks(),

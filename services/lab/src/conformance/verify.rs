@@ -13,8 +13,7 @@ use shared_types::job::{Job, Mode};
 use shared_types::scenario::Scenario;
 
 use super::compared::{
-    Place, Ran, differing, first_place, in_processes, on_one_thread, record_of,
-    record_on_one_thread,
+    Place, Ran, differing, in_processes, on_one_thread, places, record_of, record_on_one_thread,
 };
 use super::condition::{CONDITIONS, KILLS, Subject, UNDISTURBED};
 use crate::folder::Folder;
@@ -110,7 +109,9 @@ pub fn verify(request: &Request<'_>, observer: Observer<'_>) -> Result<Verified,
                 Some(_) => record_of(&first.out, first)?,
                 None => record_on_one_thread(folder.path(), &job, robot)?,
             };
-            let place = first_place(&expected, &record_of(&job.out, &job)?)?;
+            let place = places(&expected, &record_of(&job.out, &job)?)?
+                .into_iter()
+                .next();
             let run = Some(index + 1);
             difference = place.map(|place| Place { run, ..place });
         }

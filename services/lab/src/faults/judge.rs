@@ -19,7 +19,7 @@ use serde::Serialize;
 
 use super::bounds::{self, ORDINARY, REST_MS, STALE_MS};
 use super::plan::ends_world;
-use super::run::{Messages, Ran, Stage};
+use super::run::{Ran, Stage};
 use crate::row::is_at_goal;
 
 /// Torque may change by so much of its limit in a millisecond, whatever happens (`sim::Drive`); the rounding of a sum is allowed for.
@@ -109,8 +109,6 @@ pub struct Cell {
     pub recovered: bool,
     /// Restarts.
     pub restarts: u32,
-    /// Messages compared.
-    pub messages: Messages,
     /// In lockstep: whether the run of its saved plan gave the same bytes.
     pub replayed_identically: Option<bool>,
     /// Guarantees that were broken.
@@ -212,7 +210,6 @@ impl Stage<'_> {
             recovered: ran.failure.is_none()
                 && last.is_some_and(|state| state.drive == DRIVE_ACTIVE),
             restarts: ran.summary.processes.iter().map(|one| one.restarts).sum(),
-            messages: ran.messages,
             ..Cell::default()
         };
         ends(ran, goal_reached || is_at_rest, &mut verdict);
@@ -455,16 +452,12 @@ fn record(ran: &Ran, verdict: &mut Verdict) {
         .map_or(0, |one| one.restarts);
     let ticks = (LOST_PER_DEATH_S * rate_hz).ceil() as u64 * u64::from(deaths);
     let topics = ran.summary.topics.len() as u64;
-    let lost = match ran.is_lockstep() {
-        true => recorder.lost,
-        false => ran.messages.lost,
-    };
+    let (has_account, lost) = (recorder.messages > 0, recorder.lost);
     verdict.unless(
-        lost <= ticks * topics,
+        !has_account || lost <= ticks * topics,
         "lost",
         format_args!("{lost} messages lost, {} are allowed", ticks * topics),
     );
-    let has_account = recorder.messages > 0;
     match full_at {
         Some(full) => {
             let is_known = !has_account

@@ -1,14 +1,12 @@
 //! A run in its processes, of which faults are requested before its first tick, as `armplane fault` would; and what is seen of it.
 
-use launcher::{Failure as Mishap, Outcome};
+use launcher::Failure as Mishap;
 use model::Robot;
 use recorder::{Contents, RecordReader};
-use runtime::{ControlPage, Counts, RunDir, random};
-use serde::Serialize;
+use runtime::{ControlPage, RunDir, random};
 use session::{Failure, Results};
 use shared_types::fault::Fault;
 use shared_types::job::Job;
-use shared_types::process::Program;
 use shared_types::summary::Summary;
 use shared_types::{Message, PlantState, SensorSample};
 
@@ -29,7 +27,6 @@ pub(super) struct Ran {
     /// Why it ended before its task did.
     pub(super) failure: Option<Mishap>,
     pub(super) summary: Summary,
-    pub(super) messages: Messages,
     pub(super) truth: Vec<PlantState>,
     pub(super) samples: Vec<SensorSample>,
     pub(super) left_behind: Vec<String>,
@@ -59,7 +56,6 @@ impl Stage<'_> {
         let launched = session::launch_watched(&job, plan, &mut begin, &mut |_| ());
         let (outcome, account) = launched?;
         let summary = session::summarise(&job, &outcome, account);
-        let messages = counted(&outcome, summary.recorder.messages);
         Ok(Ran {
             truth: messages_of(&job),
             samples: messages_of(&job),
@@ -67,44 +63,7 @@ impl Stage<'_> {
             failure: mishap(&outcome.end)?.cloned(),
             job,
             summary,
-            messages,
         })
-    }
-}
-
-/// Messages of a run, all topics together.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct Messages {
-    /// Sent by all processes.
-    pub sent: u64,
-    /// Taken in by the recorder.
-    pub taken_in: u64,
-    /// Refused by the recorder: a number in them was not finite.
-    pub refused: u64,
-    /// Refused by the recorder: of a dead incarnation.
-    pub fenced: u64,
-    /// Sent, and neither taken in nor refused. Unknown where the recorder's last incarnation left no account: 0.
-    pub lost: u64,
-}
-
-/// The messages that the processes of a run have counted.
-fn counted(outcome: &Outcome, taken_in: u64) -> Messages {
-    let mut processes = outcome.processes.iter();
-    let sent = processes.clone().map(|process| process.counts.sent).sum();
-    let recorder = processes.find(|one| one.name == Program::Recorder.name());
-    let Counts {
-        refused, fenced, ..
-    } = recorder.map(|one| one.counts).unwrap_or_default();
-    let lost = match taken_in {
-        0 => 0,
-        _ => u64::saturating_sub(sent, taken_in + refused + fenced),
-    };
-    Messages {
-        sent,
-        taken_in,
-        refused,
-        fenced,
-        lost,
     }
 }
 

@@ -47,11 +47,6 @@ fn judged(corrupt: impl Fn(&mut Ran)) -> Vec<&'static str> {
             ticks: 10_000,
             ..Summary::default()
         },
-        messages: Messages {
-            sent: 50_000,
-            taken_in: 50_000,
-            ..Messages::default()
-        },
         truth: (0..100)
             .map(|tick| state(tick, 0.0, DRIVE_ACTIVE))
             .collect(),
@@ -159,7 +154,9 @@ fn each_guarantee_that_is_broken_is_caught_and_nothing_else() {
         (&[], &|ran| {
             ran.summary.faults = vec![detected("kill"), of("analyzer", Kind::Hang, 9_000)]
         }),
-        (&["lost"], &|ran| ran.messages.lost = 1),
+        (&["lost"], &|ran| {
+            (ran.summary.recorder.messages, ran.summary.recorder.lost) = (1, 1)
+        }),
         (&["recording"], &|ran| {
             ran.summary.recorder.error = "full".to_owned()
         }),
