@@ -67,7 +67,7 @@ def _sweep(experiments, options):
         print(json.dumps({"folder": str(out), "runs": len(table), "outcomes": outcomes, "lack": lack}))
     else:
         print(f"{len(table)} runs: {', '.join(f'{outcome} {count}' for outcome, count in outcomes.items())}\n{out}")
-        print(f"  runs-*.parquet  one row per run: `table, plan = armplane.experiments.read("{out}")`\n  look at it with: armplane sweep report {out}")
+        print(f"  runs-*.parquet  one row per run: `table, plan = armplane.experiments.read('{out}')`\n  look at it with: armplane sweep report {out}")
     if lack:
         print(f"armplane: {lack}", file=sys.stderr)
     return 1 if lack else 0
