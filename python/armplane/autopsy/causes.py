@@ -128,7 +128,13 @@ def speed_limit(log, m):
 def torque_limit(log, m):
     """A drive at its largest torque for a while; alternating ends are an oscillation's."""
     if m.tau is not None:
-        yield from _saturation(m, "torque limit", m.tau, m.robot.effort, 0.985, 0.8, "N·m")
+        for one in _saturation(m, "torque limit", m.tau, m.robot.effort, 0.985, 0.8, "N·m"):
+            # A drive that climbs to its limit gives way on the way there: from half of the way from its usual torque on.
+            a, j = np.argmin(np.abs(m.t - one.t)), m.robot.joints.index(one.data["joint"])
+            before = m.tau[: a + 1, j] * np.sign(m.tau[a, j])
+            light = np.flatnonzero(before < (np.median(before) + one.data["limit"]) / 2)
+            one.data["since"] = m.t[light[-1]] if len(light) else one.t
+            yield one
 
 
 def _saturation(m, cause, x, limits, share, weight, unit, command=None):
@@ -192,7 +198,8 @@ def _steady(m):
         return np.sqrt(np.maximum(smooth(norm(x) ** 2, width) - norm(mean) ** 2, 0)) / np.maximum(size, 1e-9), size
 
     (off, size), (joints, _) = change(V), change(v)
-    calm = (off < 0.03) & (off < 0.3 * joints) & (size > 0.3 * np.quantile(size, 0.9)) & (m.sigma > 0.2 * m.usual)
+    # Slow is measured by what came before: afterwards, the incident may have swept the hand away.
+    calm = (off < 0.03) & (off < 0.3 * joints) & (size > 0.3 * np.maximum.accumulate(size)) & (m.sigma > 0.2 * m.usual)
     if found := long_run(calm, m.t_k, 0.15):
         return np.where(np.arange(len(V))[:, None] >= found[0], np.median(V[slice(*found)], axis=0), 0)
     return None
@@ -225,11 +232,14 @@ def _along(m, S, by):
 def _halt(m, S, size):
     """Where the hand slowed down to rest as the Jacobian's condition number rose, though asked to go on, as MoveIt Servo does it; or `None`."""
     t, kept = m.t_k, np.sum(m.W * S, axis=1) / np.maximum(size * size, 1e-12)
+    going = size > 0.3 * np.maximum.accumulate(size)
     for a, b in runs((kept < 0.15) & (size > 0.3 * np.quantile(size, 0.9))):
-        before = np.flatnonzero(kept[:a] > 0.85)
+        # A servo that sets out where it slows down already never gives all; the condition number then has less left to rise.
+        most = min(np.quantile(kept[:a][going[:a]], 0.95), 1) if going[:a].any() else 0
+        before = np.flatnonzero(kept[:a] > 0.85 * most) if most > 0.3 else ()
         if t[b - 1] - t[a] >= 0.1 and len(before) and t[a] - t[before[-1]] >= 0.05:
             first, last = np.linalg.cond(m.J[[before[-1], a]])
-            if last > max(15, 1.3 * first):
+            if last > max(15, (1 + 0.3 * most) * first):
                 return before[-1], b
     return None
 
@@ -390,8 +400,10 @@ def find(log, m):
         # The arm followed it.
         del found[JUMP]
     for one in found.values():
-        one.weight *= _fits_time(one, seen)
-        if one.what in ("torque limit", "speed limit") and swing and (one.data["flips"] > 1 or swing.t < one.t - 0.05):
+        one.weight *= _fits_time(one, seen, m)
+        # An arm that swings reaches its limits, and has joint speeds that say nothing about where it is.
+        follows = one.what in ("torque limit", "speed limit") or one is lock and by == "joint motion"
+        if follows and swing and (one.data.get("flips", 0) > 1 or swing.t < one.t - 0.05):
             one.weight -= 0.2
     for one in found.values():
         one.weight -= _explained(one, found, lock)
@@ -407,8 +419,9 @@ def _explained(one, found, lock):
     # After a gap the command has moved on.
     if one.what == JUMP and hole and hole.t - 0.02 <= one.t <= hole.data.get("until", hole.t) + 0.1:
         return 0.1
-    # The hand's command is smooth, and what has become of it in joints is the singularity's.
-    if one.what == JUMP and one.data["role"] == "q_cmd" and lock and lock.data["by"] in ("twist", "pose") and lock.t < one.t:
+    # The hand's command is smooth, and what has become of it in joints is the singularity's: jumps, and joints that race to their limits.
+    in_joints = one.what == "joint limit" or one.what == JUMP and one.data["role"] == "q_cmd"
+    if in_joints and lock and lock.data["by"] in ("twist", "pose") and lock.t < one.t:
         return 0.2
     return 0.15 * any(other.t < one.t - 0.25 and other.weight > 0.75 for other in found.values())
 
@@ -417,7 +430,16 @@ def _explained(one, found, lock):
 _AFTER = {"torque limit": 0.5, "speed limit": 0.03, GAP: 0.08, JUMP: 0.08, "oscillation": 0.5}
 
 
-def _fits_time(one, seen):
+def _is_held(m, t):
+    """Whether the hand stands still at `t` while it is asked to move on: something holds it, where under too heavy a load it would sink."""
+    here = (m.t_k > t - 0.05) & (m.t_k < t + 0.25)
+    if m.asked is None or not here.any():
+        return False
+    moves, asked = norm(m.V[:, :3]), norm(m.asked[:, :3])
+    return np.median(moves[here]) < 0.25 * np.median(asked[here]) and np.median(asked[here]) > 0.3 * np.quantile(asked, 0.9)
+
+
+def _fits_time(one, seen, m):
     """How well a cause goes before what is seen: 1 where it begins at most a second before the first effect, and not after it."""
     if not seen or one.what == "NaN":
         return 1
@@ -425,7 +447,8 @@ def _fits_time(one, seen):
     # An oscillation is seen by a window that reaches before it.
     first = min([effect.t for effect in seen if effect.what != "shook" or not from_outside] or [seen[0].t])
     # A drive that pushes against what has stopped it is no cause.
-    pushes = one.what == "torque limit" and any(effect.what == "stopped" and effect.t < one.t - 0.03 for effect in seen)
-    if pushes or one.t >= first + _AFTER.get(one.what, 0.25):
+    stopped = any(effect.what == "stopped" and effect.t < one.t - 0.03 for effect in seen)
+    pushes = one.what == "torque limit" and (stopped or _is_held(m, one.t))
+    if pushes or one.data.get("since", one.t) >= first + _AFTER.get(one.what, 0.25):
         return 0.6 if from_outside else 0.35
     return 1 if first - one.data.get("until", one.t) < (0.6 if from_outside else 0.8) else 0.6

@@ -120,8 +120,8 @@ class Motion:
     def _target(self, target):
         """Asks for the pose's own motion, and for what is missing to it within half a second."""
         rows, off = self.rows, target[self.rows, :3, 3] - self.pose[:, :3, 3]
-        # A pose of another frame would ask for what nobody wants.
-        if np.median(norm(off)) > 0.5 * self.robot.length:
+        # A pose of another frame would ask for what nobody wants; one that the arm left in the incident was near before.
+        if np.quantile(norm(off), 0.1) > 0.5 * self.robot.length:
             self.notes.append("The commanded poses are not those of this arm's hand; they were left out. Name the frame by --tip.")
             return False
         linear, angular = slope(self.t, target[:, :3, 3], self.reach)[rows] + 2 * off, np.zeros_like(off)
@@ -137,25 +137,32 @@ class Motion:
         """The commanded twist in base axes: as it is, from the hand's axes, or turned; found by what the hand did far from singularities."""
         scale = self.robot.scale
         size = norm(twist * scale)
-        usable = (self.sigma > 0.25 * self.usual) & (size > 0.1 * size.max()) & (size > 0)
+        moving = (size > 0.1 * size.max()) & (size > 0)
+        usable = (self.sigma > 0.25 * self.usual) & moving
+        is_far = usable.sum() >= 10
+        if not is_far:
+            usable = moving
         if usable.sum() < 10:
             return twist
         # The first of them: later, the incident itself may be what differs.
         t, first = self.t_k, np.flatnonzero(usable)
         usable &= t < t[first[min(10, len(first) - 1)]] + 0.6
-        V = self.W[usable]
-        fit = lambda asked: alike((asked * scale)[usable], V)
+        # Beside a singularity, the motion across the lost direction still tells.
+        u = 0 if is_far else self.u[usable]
+        across = lambda V: V - np.sum(V * u, axis=1, keepdims=True) * u
+        V = across(self.W[usable])
+        fit = lambda asked: alike(across((asked * scale)[usable]), V)
         in_hand = turned(self.pose[:, :3, :3], twist)
         as_it_is, as_of_hand = fit(twist), fit(in_hand) - 0.02
         quality = max(as_it_is, as_of_hand)
         pace = norm(V) / size[usable]
-        if quality > 0.8 and abs(np.log(np.median(pace))) > 0.15:
+        if is_far and quality > 0.8 and abs(np.log(np.median(pace))) > 0.15:
             times = f"{np.median(pace):.2f} times as fast as it was asked"
             self.notes.append(f"From the start, the hand of {self.robot.name} would have moved {times}: is it another robot, or is the command scaled?")
         if quality > 0.8 and quality == as_of_hand:
             self.notes.append("The commanded twist is in the hand's axes.")
             return in_hand
-        if quality > 0.8:
+        if quality > 0.8 or not is_far:
             return twist
         base, _ = Rotation.align_vectors(self.V[usable].reshape(-1, 3), twist[usable].reshape(-1, 3))
         again = turned(base.as_matrix(), twist)
