@@ -215,15 +215,16 @@ impl<'a> Recorder<'a> {
         // Read before the messages are: all of earlier ticks are among them.
         let closed = shell.closed_by_all();
         let book = &mut self.book;
+        let mut has_all = true;
         for Topic { channel, collector } in &mut self.topics {
-            if !collector.collect(|message| book.take(*channel, message))? {
-                shell.has_missed();
-            }
+            has_all &= collector.collect(|message| book.take(*channel, message))?;
         }
         self.keep_cut(closed);
-        if shell.mode() == Mode::Lockstep {
-            // In real time when the chunk is written: the end of the run waits for that.
-            shell.has_taken_in();
+        // In real time the end of a run waits until all is there, and in a chunk: not for what has yet to be given to a recorder that was started again.
+        match shell.mode() {
+            Mode::Lockstep => shell.has_taken_in(),
+            Mode::Realtime if !has_all => shell.has_missed(),
+            Mode::Realtime => {}
         }
         // Before the ticks in which it shows: their words name it.
         self.faults.report(shell, &job.graph, &mut self.book.record);

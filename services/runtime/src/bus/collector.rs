@@ -12,6 +12,8 @@ use crate::wait::Interrupted;
 pub struct Collector {
     inlet: Inlet,
     last: Option<u64>,
+    /// The latest tick of a message that has come, whether it counts or not.
+    seen: Option<u64>,
     /// Messages of earlier ticks were taken in by a predecessor.
     from: u64,
 }
@@ -25,6 +27,7 @@ impl Collector {
         Self {
             inlet,
             last: from.checked_sub(1),
+            seen: None,
             from,
         }
     }
@@ -38,12 +41,13 @@ impl Collector {
         let newest = shared.control_page.topic(*topic).newest();
         while let Some(message) = self.inlet.receive_any()? {
             let tick = message.tick();
+            self.seen = self.seen.max(Some(tick));
             if tick >= self.from && self.inlet.admits(&message) {
                 self.count(tick);
                 take(&message);
             }
         }
-        Ok(self.last >= newest)
+        Ok(self.seen.max(self.last) >= newest)
     }
 
     /// Counts a message of a tick.
