@@ -13,7 +13,6 @@ use shared_types::scenario::Scenario;
 use shared_types::summary::{
     Deadlines, FAILED, FaultSummary, INTERRUPTED, Pace, ProcessSummary, RecorderSummary, Summary,
 };
-use shared_types::{Message, SensorSample};
 
 use crate::export::joined;
 use crate::machine::machine;
@@ -27,10 +26,11 @@ const NO_ACCOUNT: &str = "the recorder left no account of the run, and its files
 /// The summary of a run: the recorder's part, completed by what only the launcher knows.
 pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summary {
     let mut summary = account.unwrap_or_else(|| without_account(job, outcome));
-    // The recorder's are those that it has heard of. In real time a plant may be killed between its sample and its account of the tick.
-    let samples = summary.topics.get(SensorSample::TOPIC);
-    let samples = samples.filter(|_| job.mode == Mode::Realtime);
-    let ticks = outcome.ticks.max(samples.map_or(0, |topic| topic.count));
+    // The recorder's are those that it has judged. In real time a plant may be killed between its sample and its account of the tick.
+    let ticks = match job.mode {
+        Mode::Realtime => outcome.ticks.max(summary.ticks),
+        Mode::Lockstep => outcome.ticks,
+    };
     summary.ticks = ticks;
     match &outcome.end {
         End::Completed => {}
