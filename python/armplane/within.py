@@ -9,7 +9,7 @@ from . import wire
 
 
 class Within:
-    """What `Joined` is for a process of a run: its messages, and the tick in hand."""
+    """The messages of a controller and the tick in hand, as `Joined` has them for a process of a run."""
 
     previous = None
 

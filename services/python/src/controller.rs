@@ -42,7 +42,7 @@ impl Handle {
     /// Ends it after its run.
     ///
     /// # Errors
-    /// What it raised at a tick, or at its end.
+    /// The exception that it raised at a tick, or at its end.
     pub(crate) fn end(self, py: Python<'_>) -> PyResult<()> {
         let mut raised = self.raised.lock().unwrap_or_else(PoisonError::into_inner);
         match raised.take() {

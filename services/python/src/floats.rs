@@ -36,7 +36,7 @@ impl Mode {
         }
     }
 
-    /// What is done in this mode on this thread.
+    /// The result of work that is done in this mode on this thread.
     pub(crate) fn during<T>(self, work: impl FnOnce() -> T) -> T {
         let _until = Until(Self::of_thread());
         self.set();

@@ -39,9 +39,9 @@ const SPEED_RATIO_MAX: f64 = 40.0;
 /// Step 4's result.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Kept<const N: usize> {
-    /// What the drives left of the torque.
+    /// The torque as the drives left it.
     pub(crate) limited: Limited,
-    /// What the path demands of the limits, for the clock.
+    /// The path's demand on the limits, for the clock.
     pub(crate) load: Load<N>,
 }
 
