@@ -225,7 +225,7 @@ def tried(entry, task, folder, more):
         if why != "":
             # After any failure the next trial has another process.
             CHILDREN.dismiss()
-            return SILENT if why is None else {"outcome": "failed", "reason": why}
+            return dict(SILENT) if why is None else {"outcome": "failed", "reason": why}
         controller = type("Sent", (Sent,), {"file": sent})
     try:
         row = armplane.trial(text, {**settings, **entry.scenario()}, controller=controller)
@@ -252,7 +252,7 @@ def one_run(entry, scenario, folder, more, record=False):
 def told(done, file):
     """The numbers of a run that has ended, from its summary."""
     if done is None:
-        return SILENT
+        return dict(SILENT)
     code, _, error = done
     if code not in (0, 1) or not file.is_file():
         return {"outcome": "refused" if code == 2 else "failed", "reason": _sentence(error)}

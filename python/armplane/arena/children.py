@@ -69,7 +69,7 @@ class Opponent:
                 if not said or said.endswith(b"\n"):
                     return "" if said else self.last_words()
                 due = time.monotonic() + 1.1 * self.limit + 1
-            elif self.child.poll() is not None:
+            elif self.has_died():
                 return self.last_words()
             if (now := time.monotonic()) > due:
                 return f"it gave no answer within {self.limit} s: --join-limit allows more"
