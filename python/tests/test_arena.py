@@ -266,6 +266,13 @@ def test_an_opponent_that_fails_has_another_process_for_its_next_run(tmp_path, h
     assert second["completed"]
 
 
+def test_a_law_that_fails_at_its_first_tick_has_rows_but_no_curve(tmp_path):
+    (tmp_path / "failing.py").write_text(HOME_MADE + "\n    def torque(self, q, qdot, ref):\n        raise MemoryError\n")
+    done = arena(tmp_path / "a", f"--lines 1 --law armplane --law failing={tmp_path}/failing.py")
+    assert done.returncode == 1 and (tmp_path / "a/arena.html").exists(), done.stderr
+    assert all(row.get("completed", False) == (row["law"] == "armplane") for row in rows_of(tmp_path / "a"))
+
+
 def test_tracks_and_variations_are_rows_of_their_own(tmp_path):
     (tmp_path / "mine.py").write_text(HOME_MADE)
     done = arena(tmp_path / "a", f"--lines 1 --law armplane --law mine={tmp_path}/mine.py --tracks --varied")

@@ -487,7 +487,7 @@ def races(summary, found, todo, more):
         for law in summary.rivals():
             with tempfile.TemporaryDirectory() as folder:
                 ended = one_run(entries[law], places[name].copied(folder), folder, more, record=True)
-                curves[law] = picture.curves(folder) if "ticks" in ended else None
+                curves[law] = picture.curves(folder) if ended.get("ticks") else None
         out.append((heading, name, curves))
     return out
 

@@ -10,6 +10,7 @@ import json
 import os
 import sys
 import time
+import traceback
 
 # One thread for each law: the same bits, and no fight for the cores.
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -142,6 +143,11 @@ class Guest(Host):
             out.write(self.sent)
 
 
+def _words(error):
+    """An error on one line."""
+    return " ".join("".join(traceback.format_exception_only(type(error), error)).split())
+
+
 def _serve(answers, limit):
     Guest.answers, Guest.pause = answers, limit / 10
     for line in sys.stdin:
@@ -151,7 +157,7 @@ def _serve(answers, limit):
         try:
             armplane.trial(given["scenario"], given["settings"], controller=Guest)
         except BaseException as error:
-            print(f"armplane: {type(error).__name__}: {' '.join(str(error).split())}{_place(error)}", file=sys.__stderr__, flush=True)
+            print(f"armplane: {_words(error)}{_place(error)}", file=sys.__stderr__, flush=True)
             os._exit(1)
         os.write(answers, b"\n")
     os._exit(0)
@@ -170,7 +176,7 @@ def main():
     except ImportError as error:
         sys.exit(f"{error}: {INSTALL.format('arena')}, for the Python {sys.executable}")
     except Exception as error:
-        sys.exit(f"{type(error).__name__}: {error}")
+        sys.exit(_words(error))
 
 
 if __name__ == "__main__":
