@@ -259,19 +259,25 @@ def test_only_timely_commands_that_can_be_followed_move_the_arm(store, tmp_path)
             (TWIST, twist([0.05, 0, 0], stamp=(0, 0)), "its stamp is 0"),
             (TWIST, twist([0.05, 0, 0], stamp=long_ago), "valid for 0.1 s"),
             (TWIST, twist([0.05, nan, 0]), "a NaN"),
+            (TWIST, twist([1e300, 0, 0]), "size 1e+300"),
+            (TWIST, twist([0, 0, 0], [0, 0, -5000]), "size 5e+03"),
             (TWIST, twist([0.05, 0, 0], frame="nowhere"), "frame_id is 'nowhere'"),
             (TWIST, twist([0.05, 0, 0], frame=""), "frame_id is ''"),
             (POSE, pose((0.3, 0.2, nan), (0, 0, 0, 1)), "a NaN"),
+            (POSE, pose((0.3, -1e300, 0.3), (0, 0, 0, 1)), "size 1e+300"),
+            (POSE, pose((300, 200, 300), (0, 0, 0, 1)), "469 m from the base"),
             (POSE, pose((0.3, 0.2, 0.3), (0, 0, 0, 0)), "norm 0.0000"),
             (JOG, jog("knee", 0.1), "it names knee"),
             (JOG, jog("elbow elbow", 0.1, 0.1), "a joint twice"),
             (JOG, jog("elbow"), "0 velocities"),
+            (JOG, jog("elbow", 1e300), "size 1e+300"),
             (PATH, path(point(start[:5], 1)), "each point needs 6"),
             (PATH, path(point(start + 0.1, 1), names=JOINTS[:5]), "5 of the arm's 6"),
             (PATH, path(point(start, 1), point(start, 1)), "its times must rise"),
             (PATH, path(point(start + 9, 1)), "joint limits"),
             (PATH, path(point(start + 1, 0)), "it begins 1.00 rad"),
             (PATH, path(point([nan] * 6, 1)), "a NaN"),
+            (PATH, path(point([-1e300] * 6, 1)), "size 1e+300"),
         ]
         for topic, content, why in refused:
             # A sentence a second and topic is said; and on a busy machine a message may be lost.
@@ -287,7 +293,8 @@ def test_only_timely_commands_that_can_be_followed_move_the_arm(store, tmp_path)
             face.send(TWIST, garbage, seconds=0.1)
         assert still()
         count = lambda one: sum(int(pair.value) for pair in one.status[0].values if pair.key.startswith("refused on"))
-        assert face.until("diagnostics", lambda one: count(one) >= len(refused))
+        # The first diagnosis after a refusal warns.
+        assert face.until("diagnostics", lambda one: count(one) >= len(refused) and one.status[0].level == 1)
         # A wrong command ends a right one, a stream that stops ends by itself, and one from the future does not last longer.
         for end in (None, twist([0.05, 0, 0], frame="nowhere")):
             begin, _ = face.hand()

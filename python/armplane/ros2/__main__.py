@@ -55,7 +55,7 @@ class Ros2(Observer):
         self.given = options(sys.argv[1] if len(sys.argv) > 1 else "")
         self.robot, self.door = Robot(self.job), open_door("network" in self.given)
         self.names, self.every = self.robot.arm.joints, max(1, round(1 / self.dt / self.given["rate"]))
-        self.heard, self.senders, self.said, self.refused, self.due, self.diagnosed = {}, {}, {}, {}, 0, 0
+        self.heard, self.senders, self.said, self.refused, self.shown, self.due, self.diagnosed = {}, {}, {}, {}, {}, 0, 0
         self._send("/robot_description", "std_msgs/String", self.job["robot"]["urdf"], is_kept=True)
         if (self.job["scenario"].get("servo") or {}).get("live"):
             self.commands = Commands(self.robot, "units" in self.given)
@@ -175,10 +175,12 @@ class Ros2(Observer):
             self._diagnose(stamp, tick, reason, servo)
 
     def _diagnose(self, stamp, tick, reason, servo):
-        values = {"tick": tick, "incarnation": self.incarnation, **{f"refused on {topic}": count for topic, count in dict(self.refused).items()}}
+        refused = dict(self.refused)
+        values = {"tick": tick, "incarnation": self.incarnation, **{f"refused on {topic}": count for topic, count in refused.items()}}
         if servo:
             values |= {"targets refused": servo.refused, "stops": servo.stops, "nearest singularity, |s| over its threshold": f"{servo.nearest:.3f}"}
-        level, pairs = WARN if servo and servo.reason in SLOWED else 0, [(key, str(value)) for key, value in values.items()]
+        is_worth = refused != self.shown or servo and servo.reason in SLOWED
+        level, pairs, self.shown = WARN if is_worth else 0, [(key, str(value)) for key, value in values.items()], refused
         self._send("/diagnostics", "diagnostic_msgs/DiagnosticArray", (stamp, ""), [(level, "armplane: arm", reason, self.robot.name, pairs)])
 
     def end(self):

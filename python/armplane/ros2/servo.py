@@ -18,6 +18,8 @@ GAIN, SHARE = 5, 0.4
 APART = 0.2
 # Of a table of way points: longest path, s, and pause between the points that are kept of it.
 LONGEST_S, STEP_S = 600, 0.01
+# The law takes no larger number and no farther position, m (services/control/src/reference/targets/intake.rs).
+LARGEST, FARTHEST_M = 1000, 100
 REST = "twist, base, 0.1, 0 0 0 0 0 0"
 
 
@@ -26,10 +28,12 @@ def seconds(time):
 
 
 def numbers(values):
-    """Their array; ValueError where one is not finite."""
+    """Their array; ValueError where one is not finite, or is absurd."""
     found = np.array(list(values), float)
     if not np.isfinite(found).all():
         raise ValueError("it holds a NaN or an infinity")
+    if (most := np.abs(found).max(initial=0)) > LARGEST:
+        raise ValueError(f"it holds a number of size {most:.3g}, and {LARGEST} is the largest that an arm can follow")
     return found
 
 
@@ -96,7 +100,10 @@ class Commands:
         if abs(norm(x) - 1) > 1e-3:
             raise ValueError(f"its quaternion has norm {norm(x):.4f}, not 1")
         base = self.frame(message.header.frame_id, q)
-        return line("pose, base", valid_s, base[:3, :3] @ p + base[:3, 3], quaternion(base[:3, :3] @ rotation_of(x)), np.zeros(6))
+        p = base[:3, :3] @ p + base[:3, 3]
+        if np.abs(p).max() > FARTHEST_M:
+            raise ValueError(f"its position is {norm(p):.3g} m from the base, and {FARTHEST_M} m is the farthest that an arm can follow")
+        return line("pose, base", valid_s, p, quaternion(base[:3, :3] @ rotation_of(x)), np.zeros(6))
 
     def jog(self, message, now, q):
         """A control_msgs/JointJog: speeds of joints, and rest for all others."""
@@ -127,7 +134,7 @@ class Commands:
         if any(len(point.positions) != self.arm.dof or len(point.velocities) not in (0, self.arm.dof) for point in message.points):
             raise ValueError(f"each point needs {self.arm.dof} positions, and as many velocities or none")
         order, has_speeds = np.argsort(places), all(len(point.velocities) for point in message.points)
-        times = numbers(seconds(point.time_from_start) for point in message.points)
+        times = np.array([seconds(point.time_from_start) for point in message.points])
         points = numbers(point.positions for point in message.points)[:, order]
         speeds = numbers(point.velocities for point in message.points)[:, order] if has_speeds else None
         if times[0] > 0:
