@@ -298,8 +298,13 @@ def test_studies_are_tables_and_pictures():
     laws = experiments.compare("fig5-wrist-rotation", ["blended", "damped-least-squares"])
     assert laws["s1"].tolist() == [True, False]
     experiments.compare_plot(laws, "laws")
-    table = experiments.race("fig5-wrist-rotation", ["blended", "damped-least-squares"], "race")
-    assert table["orientation_max_deg"].is_monotonic_increasing and Path("laws.png").exists() and Path("race.svg").exists()
+    table = experiments.race("fig5-wrist-rotation", ["blended", "damped-least-squares"], "race.png")
+    assert table["orientation_max_deg"].is_monotonic_increasing
+    # All three kinds of picture, or the one that is named; of no other kind, and that is known before the runs.
+    assert {path.name for path in Path(".").glob("[lr]a*.*")} == {"laws.svg", "laws.pdf", "laws.png", "race.png"}
+    for draw in (lambda path: experiments.race("nowhere", "blended", path), lambda path: experiments.compare_plot(laws, path)):
+        with pytest.raises(ValueError, match="race.gif"):
+            draw("race.gif")
     lines = experiments.singular_lines("ur5", 1)
     assert lines["s2"].all() and lines["line"].tolist() == [1, 2, 3]
     steered = experiments.steered("ur5", seeds=[1], seconds=5)

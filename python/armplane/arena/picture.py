@@ -31,7 +31,7 @@ def races(found):
     for heading, task, laws in found:
         missing = [f"{law} has no curve: it was refused or failed." for law, curve in laws.items() if curve is None]
         with tempfile.TemporaryDirectory() as folder:
-            with drawn(f"{folder}/race", f"{task}: {heading}", " and ".join(laws), missing, [(1.9, 3)], files=("svg",)) as (panels,):
+            with drawn(f"{folder}/race.svg", f"{task}: {heading}", " and ".join(laws), missing, [(1.9, 3)]) as (panels,):
                 for axes, (title, scale) in zip(panels, PANELS.items()):
                     for (law, curve), color in zip(laws.items(), (BLUE, RED)):
                         if curve is not None:

@@ -7,10 +7,7 @@ from .motion import norm
 
 
 def draw(path, answer, m):
-    """Saves the picture of the seconds around the incident; the ending of `path` (png, svg, pdf) is its format."""
-    stem, _, ending = str(path).rpartition(".")
-    if ending not in ("png", "svg", "pdf"):
-        raise ValueError(f"{path} is no picture's name: end it with .png, .svg or .pdf")
+    """Saves the picture of the seconds around the incident."""
     first, t, robot = answer["evidence"][0], m.t_k, m.robot
     near = np.abs(t - first["t"]) < (2 if answer["cause"] not in ("none", "another robot") else np.inf)
     near = near if near.sum() > 5 else np.ones(len(t), bool)
@@ -25,7 +22,7 @@ def draw(path, answer, m):
         hand.insert(0, (f"asked ({m.asked_by})", norm(m.S), GREY))
         lost.append(("asked motion along ζ, %", 100 * np.abs(np.sum(m.u * m.S, axis=1)) / np.maximum(norm(m.S), 1e-9), GREY))
     title, subtitle = f"{answer['log']}: {answer['what']}, {answer['cause']}", f"{answer['robot']}, {answer['rate_hz']:g} Hz"
-    with page(stem, title, subtitle, [first["text"][:300]], [(2.2, 1), (1.8, 2)], files=(ending,)) as rows:
+    with page(path, title, subtitle, [first["text"][:300]], [(2.2, 1), (1.8, 2)]) as rows:
         for axes, (heading, lines) in zip(np.concatenate(rows), panels.items()):
             curves(axes, heading, t[near], *((name, values[near], *colour) for name, values, *colour in lines)).axvline(first["t"], color=RED, lw=1)
         axes.set_ylim(bottom=0)

@@ -8,7 +8,7 @@ import pandas as pd
 from .. import trials, wire
 from ..results import listed
 from .paper import Recorded
-from .style import BLUE, GREY, RED, digits, legend, page, postures, undistorted
+from .style import BLUE, GREY, RED, digits, endings, legend, page, postures, undistorted
 
 # Drawn of each law, three to a row.
 METRICS = {
@@ -83,7 +83,10 @@ def _session(robot, seed, seconds, settings):
 
 
 def compare_plot(table, path, title="Control laws on the same plant and seed"):
-    """Draws the rows of `compare` as bars: blue within the law's bars, red beyond them, grey where the run ended early."""
+    """Draws the rows of `compare` as bars: blue within the law's bars, red beyond them, grey where the run ended early.
+
+    `path` ends with .svg, .pdf or .png, or is the name of all three.
+    """
     notes = [f"{row.law}: {row.outcome}. {row.reason}" for row in table.itertuples()]
     colours = [GREY if not row.completed else BLUE if row.s2 else RED for row in table.itertuples()]
     with page(path, title, "red: a bar of S2 is missed; grey: ended early", notes, [(0.22 * len(table) + 0.5, 3)] * 3) as panels:
@@ -97,7 +100,12 @@ def compare_plot(table, path, title="Control laws on the same plant and seed"):
 
 
 def race(scenario, laws, path, settings=None):
-    """Runs a scenario under one or more laws, draws errors, joint speeds and the paths of the hand over time, and returns the largest of each."""
+    """Runs a scenario under one or more laws, draws errors, joint speeds and the paths of the hand over time, and returns the largest of each.
+
+    `path` ends with .svg, .pdf or .png, or is the name of all three.
+    """
+    # Before any run: a mistake in it would come after minutes.
+    endings(path)
     laws = listed(laws)
     if not laws:
         raise ValueError("laws is empty: name one or more")

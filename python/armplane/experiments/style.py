@@ -13,12 +13,22 @@ from matplotlib import pyplot as plt
 BLUE, RED, GREY, INK = "#0062b2", "#cb3234", "#787e8a", "#262a33"
 SINGULARITIES = {"elbow": "#e27722", "wrist": "#eb4ad4", "overhead": "#ab8f2a", "shoulder": "#ab8f2a"}
 LOOK = pathlib.Path(__file__).with_suffix(".mplstyle")
+ENDINGS = (".svg", ".pdf", ".png")
+
+
+def endings(path):
+    """Those with which a picture is saved at `path`: its own, or without one all of them. Raises ValueError for the ending of another kind of file."""
+    own = pathlib.Path(path).suffix
+    if own and own not in ENDINGS:
+        raise ValueError(f"{path} is no picture's name: end it with {', '.join(ENDINGS)}, or leave the ending out for all of them")
+    return (own,) if own else ENDINGS
 
 
 @contextlib.contextmanager
-def page(path, title, subtitle, notes, rows, width=9.8, files=("svg", "pdf", "png")):
-    """A figure of rows of panels, (height, number) each: yields the panels, row by row, and saves `path` with each ending. `notes` may grow meanwhile."""
+def page(path, title, subtitle, notes, rows, width=9.8):
+    """A figure of rows of panels, (height, number) each: yields the panels, row by row, and saves `path` by its `endings`. `notes` may grow meanwhile."""
     heights, counts = zip(*rows)
+    files = [pathlib.Path(path).with_suffix(ending) for ending in endings(path)]
     with plt.rc_context(fname=LOOK):
         figure = plt.figure(figsize=(width, 1))
         parts = figure.subfigures(len(rows), height_ratios=heights, hspace=0.03, squeeze=False).ravel()
@@ -27,8 +37,8 @@ def page(path, title, subtitle, notes, rows, width=9.8, files=("svg", "pdf", "pn
         figure.suptitle(title, x=0.01, ha="left")
         figure.supxlabel(caption, x=0.01, ha="left", linespacing=1.35)
         figure.set_figheight(sum(heights) + 1.1 + 0.19 * caption.count("\n"))
-        for ending in files:
-            figure.savefig(f"{path}.{ending}", metadata={"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(ending))
+        for file in files:
+            figure.savefig(file, metadata={".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(file.suffix))
         plt.close(figure)
 
 
