@@ -54,7 +54,7 @@ leave: int void*
 """
 
 
-@functools.lru_cache(maxsize=None)
+@functools.cache
 def _library():
     """The library of the program `armplane` that has started this one, or of the wheel. Its calls release Python's lock."""
     program = Path(_program()).parent

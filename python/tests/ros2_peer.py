@@ -50,7 +50,7 @@ SENT = {
 _MESSAGE, _LIST = 2, 4
 
 
-@functools.lru_cache(maxsize=None)
+@functools.cache
 def store():
     """All definitions, by the parser of rosbags."""
     found, package = get_typestore(Stores.ROS2_JAZZY), place("examples/ros2/armplane_msgs/msg")
@@ -59,7 +59,7 @@ def store():
     return found
 
 
-@functools.lru_cache(maxsize=None)
+@functools.cache
 def struct(name):
     """A message as cyclonedds has it."""
 

@@ -20,6 +20,6 @@ OPPONENTS = {path.stem: path for path in sorted((Path(__file__).parents[1] / "op
 # Conditions under which a task is run.
 GIVEN_CLOCK, OWN_CLOCK, NO_HINTS = "given clock", "own clock", "no hints"
 # The command `armplane arena` needs neither numpy nor MuJoCo to say what is missing.
-_PLACES = {"arm": ("Arm",), "laws": ("Position", "Reference", "Torque", "Velocity"), "pressing": ("Force",)}
+_PLACES = {"arm": ("Arm",), "laws": ("Position", "Reference", "Torque", "Velocity", "grid"), "pressing": ("Force",)}
 __all__, __getattr__ = lazily(__name__, _PLACES)
 __all__.append("OPPONENTS")

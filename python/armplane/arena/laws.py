@@ -1,11 +1,18 @@
 """The base classes of opponents, the reference that they follow, and the joint servo under those that give no torque."""
 
+import itertools
+
 import numpy as np
 
 from ..rotation import rotation_exp
 
 # How fast the own clock of a law returns to full speed, 1/s, and the share of a joint's speed limit that it leaves free.
 _RISE, _FREE = 4.0, 0.05
+
+
+def grid(**values):
+    """Every combination of the values of some attributes, as `trials` has them; the last one varies fastest."""
+    return [dict(zip(values, those)) for those in itertools.product(*values.values())]
 
 
 class Reference:

@@ -3,12 +3,12 @@
 import numpy as np
 from pydrake.multibody.inverse_kinematics import DifferentialInverseKinematicsParameters, DifferentialInverseKinematicsStatus, DoDifferentialInverseKinematics
 
-from armplane.arena import Velocity
+from armplane.arena import Reference, Velocity, grid
 
 
 class Drake(Velocity):
     centering = 0.0
-    trials = [{"centering": gain, "own_clock": clock} for gain in (0.0, 1.0, 10.0) for clock in (False, True)]
+    trials = grid(centering=(0.0, 1.0, 10.0), own_clock=(False, True))
 
     def setup(self, arm):
         self.parameters = p = DifferentialInverseKinematicsParameters(arm.n, arm.n)
@@ -19,8 +19,7 @@ class Drake(Velocity):
         p.set_joint_velocity_limits((-arm.velocity, arm.velocity))
 
     def qdot(self, q, ref):
-        R, p = ref.after(self.dt)
-        V = self.arm.error(q, type("Place", (), {"R": R, "p": p})) / self.dt
+        V = self.arm.error(q, Reference(*ref.after(self.dt), 0, 0)) / self.dt
         result = DoDifferentialInverseKinematics(q, self.qdot_d, V, self.arm.J(q), self.parameters)
         if result.status == DifferentialInverseKinematicsStatus.kNoSolutionFound:
             return np.zeros(self.arm.n)

@@ -5,7 +5,7 @@ it: along the axis no motion gains, after Λ the selected motion, and of the for
 
 import numpy as np
 
-from armplane.arena import Torque
+from armplane.arena import Torque, grid
 
 
 class Osc(Torque):
@@ -13,7 +13,7 @@ class Osc(Torque):
     presses = True
     # Relative eigenvalues of Λ⁻¹ between which damping sets in; none.
     thresholds = ()
-    trials = [{"stiffness": stiffness, "null_stiffness": null} for stiffness in (100.0, 400.0, 1600.0) for null in (10.0, 100.0)]
+    trials = grid(stiffness=(100.0, 400.0, 1600.0), null_stiffness=(10.0, 100.0))
 
     def torque(self, q, qdot, ref):
         arm = self.arm

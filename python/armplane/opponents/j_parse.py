@@ -2,12 +2,12 @@
 
 from jparse_robotics import JParseCore
 
-from armplane.arena import Velocity
+from armplane.arena import Velocity, grid
 
 
 class JParse(Velocity):
     gamma, gain = 0.1, 10.0
-    trials = [{"gamma": gamma, "own_clock": clock} for gamma in (0.1, 0.02, 0.005) for clock in (False, True)]
+    trials = grid(gamma=(0.1, 0.02, 0.005), own_clock=(False, True))
 
     def setup(self, arm):
         self.core = JParseCore(gamma=self.gamma)

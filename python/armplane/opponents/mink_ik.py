@@ -3,12 +3,12 @@
 import mink
 import numpy as np
 
-from armplane.arena import Velocity
+from armplane.arena import Velocity, grid
 
 
 class Mink(Velocity):
     lm_damping, damping = 1.0, 1e-3
-    trials = [{"damping": damping, "own_clock": clock} for damping in (1e-3, 1e-6, 1e-9) for clock in (False, True)]
+    trials = grid(damping=(1e-3, 1e-6, 1e-9), own_clock=(False, True))
 
     def setup(self, arm):
         self.configuration = mink.Configuration(arm.model, arm.start)

@@ -7,7 +7,7 @@ import warp as wp
 from newton.controllers import ControllerOperationalSpaceModelFree
 from scipy.spatial.transform import Rotation
 
-from armplane.arena import Torque
+from armplane.arena import Torque, grid
 
 
 class Osc(Torque):
@@ -15,7 +15,7 @@ class Osc(Torque):
     # Of the axis along which it presses: that of the motion, which is to damp, and that of the force's error.
     pressing_stiffness, wrench_stiffness = 50.0, 0.5
     presses = True
-    trials = [{"stiffness": stiffness, "partial": partial} for stiffness in (150.0, 600.0, 2400.0) for partial in (False, True)]
+    trials = grid(stiffness=(150.0, 600.0, 2400.0), partial=(False, True))
 
     def setup(self, arm):
         wp.config.log_level = wp.LOG_ERROR

@@ -4,12 +4,12 @@ import pink
 import pinocchio
 from pink.tasks import FrameTask, PostureTask
 
-from armplane.arena import Velocity
+from armplane.arena import Velocity, grid
 
 
 class Pink(Velocity):
     lm_damping, posture_cost = 1.0, 1e-3
-    trials = [{"lm_damping": damping, "own_clock": clock} for damping in (1.0, 1e-2, 1e-4) for clock in (False, True)]
+    trials = grid(lm_damping=(1.0, 1e-2, 1e-4), own_clock=(False, True))
 
     def setup(self, arm):
         model = arm.pinocchio()

@@ -3,12 +3,12 @@
 import numpy as np
 import placo
 
-from armplane.arena import Velocity
+from armplane.arena import Velocity, grid
 
 
 class Placo(Velocity):
     regularization = 0.0
-    trials = [{"regularization": weight, "own_clock": clock} for weight in (0.0, 1e-6, 1e-4) for clock in (False, True)]
+    trials = grid(regularization=(0.0, 1e-6, 1e-4), own_clock=(False, True))
 
     def setup(self, arm):
         self.file = arm.urdf_file()

@@ -5,12 +5,12 @@ import numpy as np
 from roboplan.core import CartesianConfiguration, Scene, loadUrdfSceneDescriptionFromXml
 from roboplan.optimal_ik import ConfigurationTask, ConfigurationTaskOptions, FrameTask, FrameTaskOptions, Oink, PositionLimit, VelocityLimit
 
-from armplane.arena import Velocity
+from armplane.arena import Velocity, grid
 
 
 class Roboplan(Velocity):
     lm_damping, orientation_cost, posture_weight, regularization = 1e-3, 0.1, 0.05, 1e-6
-    trials = [{"lm_damping": damping, "posture_weight": weight, "own_clock": True} for damping in (1e-3, 1e-5, 0.0) for weight in (0.05, 0.0)]
+    trials = grid(lm_damping=(1e-3, 1e-5, 0.0), posture_weight=(0.05, 0.0), own_clock=(True,))
 
     def setup(self, arm):
         self.scene = Scene("arm", loadUrdfSceneDescriptionFromXml(arm.urdf()))

@@ -5,13 +5,13 @@ set-point in this posture, and no other; it reads no measured force."""
 import numpy as np
 from robosuite.utils.control_utils import nullspace_torques, opspace_matrices
 
-from armplane.arena import Torque
+from armplane.arena import Torque, grid
 
 
 class Osc(Torque):
     k_p, damping_ratio, uncoupled = 150.0, 1.0, True
     presses = True
-    trials = [{"k_p": k_p, "uncoupled": uncoupled} for k_p in (150.0, 400.0, 1600.0) for uncoupled in (True, False)]
+    trials = grid(k_p=(150.0, 400.0, 1600.0), uncoupled=(True, False))
 
     def torque(self, q, qdot, ref):
         arm = self.arm

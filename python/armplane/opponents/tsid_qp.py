@@ -5,12 +5,12 @@ import numpy as np
 import pinocchio
 from tsid import tsid_pywrap as tsid
 
-from armplane.arena import Torque
+from armplane.arena import Torque, grid
 
 
 class Tsid(Torque):
     kp_ee, kp_posture, w_posture = 5.0, 1.0, 1e-3
-    trials = [{"kp_ee": kp, "w_posture": weight} for kp in (5.0, 100.0, 400.0) for weight in (1e-3, 1e-6)]
+    trials = grid(kp_ee=(5.0, 100.0, 400.0), w_posture=(1e-3, 1e-6))
 
     def setup(self, arm):
         self.robot = robot = tsid.RobotWrapper(arm.pinocchio(), tsid.RootJointType.FIXED_BASE_SYSTEM, False)

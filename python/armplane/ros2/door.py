@@ -79,7 +79,7 @@ class Dds(Door):
         encoding = policy.DataRepresentation(use_cdrv0_representation=True, use_xcdrv2_representation=False)
         self._policy, self._qos = policy, lambda reliability, *others: core.Qos(reliability, encoding, *others)
 
-    @functools.lru_cache(maxsize=None)
+    @functools.cache
     def type(self, name):
         """A dataclass with the fields of a message."""
         from cyclonedds.idl import make_idl_struct, types
@@ -175,7 +175,7 @@ class Rclpy(Door):
         self._spinning = threading.Thread(target=spin, daemon=True)
         self._spinning.start()
 
-    @functools.lru_cache(maxsize=None)
+    @functools.cache
     def type(self, name):
         package, short = name.split("/")
         return getattr(importlib.import_module(f"{package}.msg"), short)
