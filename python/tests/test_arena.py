@@ -336,17 +336,3 @@ def test_an_opponent_that_floods_or_hangs_while_it_loads_is_neither_kept_nor_wai
     monkeypatch.setitem(program.LONGEST, "join", 1)
     (tmp_path / "hang.py").write_text("import time\ntime.sleep(1000)\n")
     assert program.asked_file(tmp_path / "hang.py", {}) != ("", {})
-
-
-def test_a_table_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
-    program.save(tmp_path, [{"law": "a", "task": "b"}], "hash", "command")
-    before = (tmp_path / "arena.parquet").read_bytes()
-
-    def killed(table, path):
-        path.write_bytes(b"PAR1")
-        raise SystemExit
-
-    monkeypatch.setattr(program.parquet, "write_table", killed)
-    with pytest.raises(SystemExit):
-        program.save(tmp_path, [{"law": "c", "task": "b"}], "hash", "command")
-    assert (tmp_path / "arena.parquet").read_bytes() == before

@@ -266,6 +266,16 @@ def test_a_killed_sweep_goes_on_and_its_table_is_that_of_one_piece():
         sweep(**arguments, out="out")
 
 
+def test_a_file_is_written_whole_or_not_at_all(monkeypatch):
+    from armplane.results import os, write_whole
+
+    write_whole(Path("one.parquet"), b"before")
+    monkeypatch.setattr(os, "fsync", lambda _: sys.exit())
+    with pytest.raises(SystemExit):
+        write_whole(Path("one.parquet"), b"after")
+    assert Path("one.parquet").read_bytes() == b"before"
+
+
 def test_a_report_ranks_and_repeats_the_worst_runs():
     space = {"control.strategy": ["blended", "damped-least-squares"], "control.k_p": [100, 400], "seed": range(1, 2)}
     table = sweep("fig5-wrist-rotation", space, out="laws")

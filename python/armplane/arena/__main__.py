@@ -22,7 +22,7 @@ from pathlib import Path
 
 import armplane
 
-from ..results import INSTALL, Parser, _program, _sentence, toml
+from ..results import INSTALL, Parser, _program, _sentence, toml, write_whole
 from . import GIVEN_CLOCK as BASE
 from . import NO_HINTS, OPPONENTS, OWN_CLOCK, tasks
 from .children import CHILDREN
@@ -409,11 +409,9 @@ def again(found, todo, rows, count, more):
 def save(folder, rows, digest, command):
     """The table as Parquet, with its hash and the command that made it."""
     names = sorted({name for row in rows for name in row} - {"key"})
-    table = pyarrow.table({name: [row.get(name) for row in rows] for name in names})
-    # A signal leaves the file whole, or none.
-    draft = folder / "arena.parquet.draft"
-    parquet.write_table(table.replace_schema_metadata({"hash": digest, "command": command}), draft)
-    draft.replace(folder / "arena.parquet")
+    table, file = pyarrow.table({name: [row.get(name) for row in rows] for name in names}), pyarrow.BufferOutputStream()
+    parquet.write_table(table.replace_schema_metadata({"hash": digest, "command": command}), file)
+    write_whole(folder / "arena.parquet", file.getvalue())
 
 
 def positive(text):
