@@ -100,30 +100,28 @@ def test_a_wrong_argument_is_named_with_what_is_expected():
     arm, zero = Arm.builtin("iiwa14"), np.zeros(7)
     law = Law(arm)
     law.step_many(np.zeros((4, 7)), np.zeros((4, 7)))
-    cases = [
-        (lambda: law.step(zero[:5], zero), ["q ", "(5,)", "(7,)"]),
-        (lambda: law.step(zero, zero, np.eye(3)), ["pose ", "(3, 3)", "(7,)", "(4, 4)"]),
-        (lambda: law.step(zero, zero, twist=zero), ["twist ", "(7,)", "(6,)"]),
-        (lambda: law.step(zero, zero, out=np.zeros(3)), ["out ", "(3,)", "(7,)"]),
-        (lambda: law.step_many(np.zeros((3, 7)), np.zeros((3, 7))), ["q ", "(3, 7)", "(4, 7)"]),
-        (lambda: law.step(zero, zero, out=np.zeros(7, int)), ["out ", "float64", "(7,)"]),
-        (lambda: law.step(zero, zero, out=np.zeros(14)[::2]), ["out ", "(7,)"]),
-        (lambda: arm.step_many(zero), ["q ", "(7,)", "(N, 7)"]),
-        (lambda: Law(arm, dt=0.3), ["dt", "0.3"]),
-        (lambda: Law(arm, settings={"control.kp": 1}), ["kp", "k_p"]),
-        (lambda: Law(arm, q=zero + 9), ["joint", "9"]),
-        (lambda: Arm.builtin("iiwa"), ["iiwa", "iiwa14"]),
-        (lambda: arm.at(["a"] * 7), ["q: ", "'a'"]),
-        (lambda: arm.at(0.0), ["q ", "()", "(7,)"]),
-        (lambda: Arm.from_urdf("nothing.urdf"), ["nothing.urdf"]),
-        (lambda: armplane.lines("ur5", 0), ["count", "1"]),
-        (lambda: armplane.lines(arm, 1), ["robot", "path"]),
-        (lambda: armplane.lines("ur5", 1, speed=280), ["speed", "m/s"]),
-    ]
-    for call, words in cases:
-        with pytest.raises(ValueError) as error:
+    for call, words in [
+        (lambda: law.step(zero[:5], zero), r"q .*\(5,\).*\(7,\)"),
+        (lambda: law.step(zero, zero, np.eye(3)), r"pose .*\(3, 3\).*\(7,\).*\(4, 4\)"),
+        (lambda: law.step(zero, zero, twist=zero), r"twist .*\(7,\).*\(6,\)"),
+        (lambda: law.step(zero, zero, out=np.zeros(3)), r"out .*\(3,\).*\(7,\)"),
+        (lambda: law.step_many(np.zeros((3, 7)), np.zeros((3, 7))), r"q .*\(3, 7\).*\(4, 7\)"),
+        (lambda: law.step(zero, zero, out=np.zeros(7, int)), r"out .*float64.*\(7,\)"),
+        (lambda: law.step(zero, zero, out=np.zeros(14)[::2]), r"out .*\(7,\)"),
+        (lambda: arm.step_many(zero), r"q .*\(7,\).*\(N, 7\)"),
+        (lambda: Law(arm, dt=0.3), "dt.*0.3"),
+        (lambda: Law(arm, settings={"control.kp": 1}), "kp.*k_p"),
+        (lambda: Law(arm, q=zero + 9), "joint.*9"),
+        (lambda: Arm.builtin("iiwa"), "iiwa.*iiwa14"),
+        (lambda: arm.at(["a"] * 7), "q: .*'a'"),
+        (lambda: arm.at(0.0), r"q .*\(\).*\(7,\)"),
+        (lambda: Arm.from_urdf("nothing.urdf"), "nothing.urdf"),
+        (lambda: armplane.lines("ur5", 0), "count.*1"),
+        (lambda: armplane.lines(arm, 1), "robot.*path"),
+        (lambda: armplane.lines("ur5", 1, speed=280), "speed.*m/s"),
+    ]:
+        with pytest.raises(ValueError, match=words):
             call()
-        assert all(word in str(error.value) for word in words), error.value
     assert arm.step_many(np.zeros((0, 7))).shape == (0,)
     with pytest.raises(TypeError, match="MjModel"):
         Arm.from_mujoco("arm.xml")
@@ -153,15 +151,11 @@ def test_a_urdf_that_lacks_something_is_refused_with_the_joint_and_the_remedy():
     # Kinematics needs neither masses nor limits, the law all of them.
     bare = arm(URDF.replace(inertia, ""))
     assert np.isnan(bare.at([0.3, 0]).A).any() and any(one.inside for one in bare.singularities([0.3, 0]))
-    for without, words in [
-        (inertia, ["fore", "<inertial>"]),
-        ('<limit lower="-2" upper="2" effort="20" velocity="4"/>', ["elbow", "lower", "velocity"]),
-        (' effort="20"', ["elbow", "effort"]),
-        (' velocity="4"', ["shoulder", "velocity"]),
-    ]:
-        with pytest.raises(ValueError) as error:
+    limits = '<limit lower="-2" upper="2" effort="20" velocity="4"/>'
+    lacks = {inertia: "fore.*<inertial>", limits: "elbow.*lower.*velocity", ' effort="20"': "elbow.*effort", ' velocity="4"': "shoulder.*velocity"}
+    for without, words in lacks.items():
+        with pytest.raises(ValueError, match=f"(?s){words}"):
             Law(arm(URDF.replace(without, "")))
-        assert all(word in str(error.value) for word in words), error.value
 
 
 def test_many_states_at_once_are_the_same_as_one_by_one():
