@@ -25,9 +25,9 @@ from scipy.spatial.transform import Rotation
 
 DT = 0.002
 ROBOTS = place("services/model/robots")
-SINGULAR, OTHERS = "singularity", ("joint limit", "speed limit", "torque limit", "gap in the stamps", "jump in the command", "NaN", "oscillation", "unknown", "none")
-LAWS = ("dls", "pinv clamped", "servo halt", "pinv fault", "inverse kinematics", "impedance")
-STYLES = ("csv", "csv degrees", "lerobot", "mcap", "rosbag2", "rosbag2 mcap")
+SINGULAR, OTHERS = "singularity", "joint limit, speed limit, torque limit, gap in the stamps, jump in the command, NaN, oscillation, unknown, none".split(", ")
+LAWS = "dls, pinv clamped, servo halt, pinv fault, inverse kinematics, impedance".split(", ")
+STYLES = "csv, csv degrees, lerobot, mcap, rosbag2, rosbag2 mcap".split(", ")
 
 
 def built_in(name):
@@ -409,6 +409,16 @@ def other_incident(arm, rng, cause, mode, decoy):
     return drive.rows, felt or 0
 
 
+def happened(arm, rng, cause, how):
+    """The first draw in which an incident of this cause happens: rows, and when. `how`: the law of a singularity; of all else mode and decoy."""
+    for _ in range(400):
+        try:
+            return singular_incident(arm, rng, how) if cause == SINGULAR else other_incident(arm, rng, cause, *how)
+        except (Rejected, np.linalg.LinAlgError):
+            continue
+    raise Rejected
+
+
 def log_rows(arm, rows, rng, rate):
     """The rows that a logger writes of the simulated steps: every so many, rounded by encoders."""
     rows = rows[:: max(1, round(1 / (rate * arm.dt)))]
@@ -517,13 +527,9 @@ def incident(seed, rows, folder):
     arm.gains = [(900, 60), (400, 40), (150, 24)][rng.integers(3)]
     if cause == "torque limit" and not arm.heavy or cause == "joint limit" and not (arm.upper < 50).any():
         cause = "jump in the command"
-    for _ in range(400):
-        try:
-            steps, felt = singular_incident(arm, rng, law) if is_singular else other_incident(arm, rng, cause, mode, decoy)
-            break
-        except (Rejected, np.linalg.LinAlgError):
-            continue
-    else:
+    try:
+        steps, felt = happened(arm, rng, cause, law if is_singular else (mode, decoy))
+    except Rejected:
         return None
     # A logger that runs before the arm does, at stamps that are not quite even, and a twist in the axes of the hand.
     idle = int(rng.choice([0, 0, rng.uniform(0.3, 1)]) / arm.dt)
