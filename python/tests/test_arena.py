@@ -256,7 +256,15 @@ FAILING = HOME_MADE + """
 """
 
 
-@pytest.mark.parametrize("how, why", [("1 / 0", "ZeroDivisionError"), ("__import__('os')._exit(3)", "ended"), ("__import__('time').sleep(1000)", "within 3 s")])
+@pytest.mark.parametrize(
+    "how, why",
+    [
+        ("1 / 0", "ZeroDivisionError"),
+        ("__import__('os')._exit(3)", "ended"),
+        ("__import__('time').sleep(1000)", "within 3 s"),
+        ("__import__('signal').raise_signal(19)", "within 3 s"),
+    ],
+)
 def test_an_opponent_that_fails_has_another_process_for_its_next_run(tmp_path, how, why):
     (tmp_path / "failing.py").write_text(FAILING.replace("{how}", how))
     done = arena(tmp_path / "a", f"--lines 1 --jobs 1 --join-limit 3 --law failing={tmp_path}/failing.py")

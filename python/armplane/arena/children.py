@@ -14,7 +14,6 @@ from pathlib import Path
 
 # An interrupted run may take so long to end; s.
 PATIENCE_S = 20
-PIPES = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "start_new_session": True}
 
 
 class End(threading.Thread):
@@ -36,30 +35,35 @@ class End(threading.Thread):
         return self.kept.decode(errors="replace")
 
 
-def killed(child):
-    """Ends a program and all that it has started."""
-    with suppress(ProcessLookupError):
-        os.killpg(child.pid, signal.SIGKILL)
-    child.wait()
+class Child(subprocess.Popen):
+    """A program in a session of its own, with more variables in its environment, and the last of what it says."""
+
+    def __init__(self, command, variables, **more):
+        super().__init__(command, env={**os.environ, **variables}, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True, **more)
+        self.ends = End(self.stdout), End(self.stderr)
+
+    def end(self):
+        """Ends it and all in its session."""
+        with suppress(ProcessLookupError):
+            os.killpg(self.pid, signal.SIGKILL)
+        self.wait()
 
 
-class Opponent:
+class Opponent(Child):
     """A process that loads an opponent's file once, and controls one trial after another. `limit`: the longest time that it may take to load, or for a tick; s."""
 
     def __init__(self, file, limit):
-        self.file, self.limit, self.mark = file, limit, f"ARMPLANE_OPPONENT={uuid.uuid4()}"
+        self.file, self.limit, self.mark = file, limit, str(uuid.uuid4())
         self.answers, theirs = os.pipe()
         command = [sys.executable, "-m", "armplane.arena.host", file, str(theirs), str(limit)]
-        environment = {**os.environ, **dict([self.mark.split("=")])}
-        self.child = subprocess.Popen(command, env=environment, stdin=subprocess.PIPE, pass_fds=[theirs], **PIPES)
+        super().__init__(command, {"ARMPLANE_OPPONENT": self.mark}, stdin=subprocess.PIPE, pass_fds=[theirs])
         os.close(theirs)
-        self.ends = End(self.child.stdout), End(self.child.stderr)
 
     def controls(self, given, seconds):
         """Has it control a trial, which takes at most so long. Why it has not; `None` after [`Children.stop`] or a timeout."""
         with suppress(OSError):
-            self.child.stdin.write(f"{json.dumps(given)}\n".encode())
-            self.child.stdin.flush()
+            self.stdin.write(f"{json.dumps(given)}\n".encode())
+            self.stdin.flush()
         # It gives signs of life, one at least in a tenth of the limit, as far as its ticks are shorter.
         now = time.monotonic()
         last, due = now + seconds, now + self.limit + 1
@@ -69,31 +73,28 @@ class Opponent:
                 if not said or said.endswith(b"\n"):
                     return "" if said else self.last_words()
                 due = time.monotonic() + 1.1 * self.limit + 1
-            elif self.has_died():
+            elif self.poll() is not None:
                 return self.last_words()
             if (now := time.monotonic()) > due:
                 return f"it gave no answer within {self.limit} s: --join-limit allows more"
         return None
 
-    def has_died(self):
-        return self.child.poll() is not None
-
     def last_words(self):
         """Why it could not go on, where it has said so, or how it ended."""
         with suppress(subprocess.TimeoutExpired):
-            self.child.wait(1)
-        code, lines = self.child.poll(), self.ends[1].text().splitlines()
+            self.wait(1)
+        code, lines = self.poll(), self.ends[1].text().splitlines()
         how = "it closed its pipe" if code is None else f"it ended with signal {-code}" if code < 0 else f"it ended with exit code {code}"
         return next((line.removeprefix("armplane: ") for line in reversed(lines) if line.startswith("armplane: ")), how)
 
     def end(self):
         """Ends it and all that it has started."""
-        killed(self.child)
+        super().end()
         for environment in Path("/proc").glob("[0-9]*/environ"):
             with suppress(OSError):
-                if self.mark.encode() in environment.read_bytes().split(b"\0"):
+                if f"ARMPLANE_OPPONENT={self.mark}".encode() in environment.read_bytes().split(b"\0"):
                     os.kill(int(environment.parent.name), signal.SIGKILL)
-        self.child.stdin.close()
+        self.stdin.close()
         os.close(self.answers)
 
 
@@ -107,7 +108,7 @@ class Children:
         """The process of an opponent's file for the trials of this thread."""
         thread = threading.get_ident()
         known = self.opponents.get(thread)
-        if known is None or (known.file, known.limit) != (file, limit) or known.has_died():
+        if known is None or (known.file, known.limit) != (file, limit) or known.poll() is not None:
             self.dismiss(thread)
             known = self.opponents[thread] = Opponent(file, limit)
         return known
@@ -122,9 +123,9 @@ class Children:
         with self.lock:
             if self.stopped:
                 return None
-            child = subprocess.Popen(command, env={**os.environ, **environment}, stdin=subprocess.DEVNULL, **PIPES)
+            child = Child(command, environment, stdin=subprocess.DEVNULL)
             self.running.add(child)
-        ends, is_late = [End(child.stdout), End(child.stderr)], False
+        is_late = False
         try:
             child.wait(seconds)
         except subprocess.TimeoutExpired:
@@ -133,9 +134,9 @@ class Children:
             with suppress(subprocess.TimeoutExpired):
                 child.wait(PATIENCE_S)
         finally:
-            killed(child)
+            child.end()
             self.running.discard(child)
-        return None if is_late or self.stopped else (child.returncode, *(end.text() for end in ends))
+        return None if is_late or self.stopped else (child.returncode, *(end.text() for end in child.ends))
 
     def stop(self):
         with self.lock:

@@ -34,7 +34,7 @@ EVERY_S, HEAR_S = 1, 1e-3
 OPTIONS = ("rate", "units", "clock", "network")
 
 
-def options(text):
+def options(text=""):
     """Of `rate=500,units,clock,network`."""
     given = dict(one.partition("=")[::2] for one in text.split(",") if one)
     if unknown := given.keys() - set(OPTIONS):
@@ -52,7 +52,7 @@ class Ros2(Observer):
     """All that a run shows and hears in ROS 2."""
 
     def setup(self):
-        self.given = options(sys.argv[1] if len(sys.argv) > 1 else "")
+        self.given = options(*sys.argv[1:2])
         self.robot, self.door = Robot(self.job), open_door("network" in self.given)
         self.names, self.every = self.robot.arm.joints, max(1, round(1 / self.dt / self.given["rate"]))
         self.heard, self.senders, self.said, self.refused, self.shown, self.due, self.diagnosed = {}, {}, {}, {}, {}, 0, 0
@@ -196,7 +196,7 @@ def main():
         Ros2.run()
         return
     try:
-        open_door("network" in options(sys.argv[1] if len(sys.argv) > 1 else "")).close()
+        open_door("network" in options(*sys.argv[1:2])).close()
     except ValueError as error:
         sys.exit(str(error))
     except ImportError as error:
