@@ -62,8 +62,9 @@ class Arm:
         m.dof_armature[:] += 0.02
         m.dof_damping[:], m.dof_frictionloss[:] = 0.3, 0
         self.n, self.body, self.asked = m.nv, m.body(tip).id, mujoco.MjData(m)
-        limits = {joint.get("name"): getattr(joint.find("limit"), "attrib", {}) for joint in ElementTree.parse(path).findall("joint")}
-        self.speed, effort = (np.array([float(limits[joint].get(key) or 0) for joint in self.joints]) for key in ("velocity", "effort"))
+        limits = ElementTree.parse(path)
+        limit = lambda joint, key: limits.find(f"joint[@name='{joint}']/limit").get(key) or 0
+        self.speed, effort = (np.array([float(limit(joint, key)) for joint in self.joints]) for key in ("velocity", "effort"))
         self.effort = np.where(effort == 0, 1e6, effort)
         self.lower, self.upper = (np.where(m.jnt_limited, bound, side) for side, bound in zip((-1e3, 1e3), m.jnt_range.T))
         reach = max(np.abs(self.J(np.zeros(self.n))[:3]).max(), 0.2)

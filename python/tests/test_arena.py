@@ -204,29 +204,24 @@ class Forger(armplane.arena.Velocity):
 
 def test_an_opponent_cannot_write_its_score_or_its_task(tmp_path):
     (tmp_path / "forger.py").write_text(FORGER)
-    done = arena(tmp_path, f"--lines 1 --law forger={tmp_path}/forger.py --jobs 1")
-    assert done.returncode == 0, done.stderr
-    rows = rows_of(tmp_path)
+    _, rows = arena(tmp_path, f"--lines 1 --law forger={tmp_path}/forger.py --jobs 1")
     assert len(rows) > 1 and not any(row.get("s1") or row["outcome"] == "goal reached" for row in rows)
-    done = arena(tmp_path, f"--law armplane --law armplane={tmp_path}/forger.py")
-    assert done.returncode == 2, done.stderr
+    arena(tmp_path, f"--law armplane --law armplane={tmp_path}/forger.py", 2)
 
 
-def arena(folder, asked):
-    return ended(f"{_program()} arena --size short --robot ur5 --out {folder} --jobs 2 {asked}")
-
-
-def rows_of(folder):
-    return [json.loads(line) for line in (folder / "rows.jsonl").read_text().splitlines()]
+def arena(folder, asked, code=0):
+    """What it prints, and the rows in its folder."""
+    done = ended(f"{_program()} arena --size short --robot ur5 --out {folder} --jobs 2 {asked}")
+    assert done.returncode == code, done.stderr
+    rows = folder / "rows.jsonl"
+    return done, [json.loads(line) for line in rows.read_text().splitlines()] if rows.exists() else []
 
 
 def test_the_arena_runs_continues_and_repeats_itself(tmp_path):
     (tmp_path / "mine.py").write_text(HOME_MADE)
     laws = f"--law armplane --law mine={tmp_path}/mine.py --law absent={tmp_path}/absent.py"
     (tmp_path / "absent.py").write_text("import no_such_package\n")
-    first = arena(tmp_path / "a", f"{laws} --again 1")
-    assert first.returncode == 0, first.stderr
-    rows = rows_of(tmp_path / "a")
+    first, rows = arena(tmp_path / "a", f"{laws} --again 1")
     assert len(rows) == 8 and {row["law"] for row in rows} == {"armplane", "mine"}
     # A machine at its limits may end a law before it has said what it took.
     assert {row["law"] for row in rows if row.get("median_us", 0) > 0} == {"armplane", "mine"}
@@ -234,11 +229,11 @@ def test_the_arena_runs_continues_and_repeats_itself(tmp_path):
     # Continued, nothing is run again; in another folder, everything is, to the same bits.
     half = (tmp_path / "a/rows.jsonl").read_text().splitlines(keepends=True)
     (tmp_path / "a/rows.jsonl").write_text("".join(half[:-2]) + half[-2][:20])
-    second = arena(tmp_path / "a", laws)
+    second, _ = arena(tmp_path / "a", laws)
     assert digest(second) == digest(first) and second.stderr.count(" of 2, ") == 2
     assert "left out" in second.stderr and "no_such_package" in second.stderr
     for wrong in ("--law mine=nowhere.py", "--law nothing", f"--check {tmp_path}/mine.py", "--robot nobody"):
-        assert arena(tmp_path / "b", wrong).returncode == 2, wrong
+        arena(tmp_path / "b", wrong, 2)
     assert pathlib.Path(tmp_path / "a/arena.html").stat().st_size > 1000
 
 
@@ -267,25 +262,22 @@ FAILING = HOME_MADE + """
 )
 def test_an_opponent_that_fails_has_another_process_for_its_next_run(tmp_path, how, why):
     (tmp_path / "failing.py").write_text(FAILING.replace("{how}", how))
-    done = arena(tmp_path / "a", f"--lines 1 --jobs 1 --join-limit 3 --law failing={tmp_path}/failing.py")
-    assert done.returncode == 0, done.stderr
-    first, second = rows_of(tmp_path / "a")
+    _, (first, second) = arena(tmp_path / "a", f"--lines 1 --jobs 1 --join-limit 3 --law failing={tmp_path}/failing.py")
     assert first["outcome"] == "failed" and why in first["reason"], first["reason"]
     assert second["completed"]
 
 
 def test_a_law_that_fails_at_its_first_tick_has_rows_but_no_curve(tmp_path):
     (tmp_path / "failing.py").write_text(HOME_MADE + "\n    def torque(self, q, qdot, ref):\n        raise MemoryError\n")
-    done = arena(tmp_path / "a", f"--lines 1 --law armplane --law failing={tmp_path}/failing.py")
-    assert done.returncode == 1 and (tmp_path / "a/arena.html").exists(), done.stderr
-    assert all(row.get("completed", False) == (row["law"] == "armplane") for row in rows_of(tmp_path / "a"))
+    _, rows = arena(tmp_path / "a", f"--lines 1 --law armplane --law failing={tmp_path}/failing.py", 1)
+    assert (tmp_path / "a/arena.html").exists()
+    assert all(row.get("completed", False) == (row["law"] == "armplane") for row in rows)
 
 
 def test_tracks_and_variations_are_rows_of_their_own(tmp_path):
     (tmp_path / "mine.py").write_text(HOME_MADE)
-    done = arena(tmp_path / "a", f"--lines 1 --law armplane --law mine={tmp_path}/mine.py --tracks --varied")
-    assert done.returncode == 0, done.stderr
-    rows = {(row["condition"], row["law"], row["task"]): row for row in rows_of(tmp_path / "a")}
+    _, rows = arena(tmp_path / "a", f"--lines 1 --law armplane --law mine={tmp_path}/mine.py --tracks --varied")
+    rows = {(row["condition"], row["law"], row["task"]): row for row in rows}
     hashes = lambda law: {condition: row["hash"] for (condition, name, task), row in rows.items() if name == law and task == "ur5-usual-1"}
     # Payload, noise and delay reach the plant of both; the clock is switched on where there is one.
     assert len(set(hashes("armplane").values())) == 5 and len(hashes("mine")) == 6

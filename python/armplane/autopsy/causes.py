@@ -366,15 +366,16 @@ def jumps(m):
 
 # --- the likeliest cause ---
 
-# The rules, and by what the best of several findings of one is chosen; else it is the first.
+# The rules, and by what the best of several findings of one is chosen; all alike, it is the first.
+_ALIKE, _EARLY = lambda one: 0, lambda one: -one.t
 RULES = {
-    nan: lambda one: -one.t,
+    nan: _EARLY,
     gap: lambda one: (one.weight, one.data["seconds"]),
-    command_jump: None,
-    joint_limit: None,
-    singularity: None,
-    speed_limit: lambda one: -one.t,
-    torque_limit: None,
+    command_jump: _ALIKE,
+    joint_limit: _ALIKE,
+    singularity: _ALIKE,
+    speed_limit: _EARLY,
+    torque_limit: _ALIKE,
     oscillation: lambda one: one.data["speed"],
 }
 
@@ -383,10 +384,8 @@ def find(log, m):
     """(effects in order of time, evidence ranked): the likeliest cause first; `none` where nothing happened."""
     if not m.fits:
         return [], [Found("another robot", 0.0, (m.notes or ["the log does not fit the robot"])[-1], 1.0)]
-    found = {}
-    for rule, worth in RULES.items():
-        for one in sorted(rule(log, m), key=worth or (lambda one: 0), reverse=True)[:1]:
-            found[one.what] = one
+    best = (max(rule(log, m), key=worth, default=None) for rule, worth in RULES.items())
+    found = {one.what: one for one in best if one}
     swing, lock, limit = map(found.get, ("oscillation", "singularity", "joint limit"))
     seen = [*stops(m), *strays(m), *jumps(m)]
     seen += [Found(what, one.t, one.text) for what, one in (("shook", swing), ("left limits", limit)) if one]
