@@ -182,8 +182,7 @@ def run(scenario, settings=None, faults=None, seed=None, *, graph=None, plant=No
     for option, value in (("--graph", graph), ("--plant", plant), ("--mode", mode), ("--seed", seed)):
         if value is not None:
             arguments += [option, value]
-    for pair in as_settings(settings, faults):
-        arguments += ["--set", pair]
+    arguments += [f"--set={pair}" for pair in as_settings(settings, faults)]
     if not record:
         arguments.append("--no-record")
     folder = Path(out) if out is not None else _next_folder(Path(str(scenario)).stem)
@@ -234,9 +233,13 @@ def toml(value):
     return value if isinstance(value, str) else _inner(value)
 
 
+def plain(value):
+    """Numbers and arrays of numpy and pandas as those of Python."""
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
 def _inner(value):
-    # Numbers and arrays of numpy and pandas.
-    value = value.tolist() if hasattr(value, "tolist") else value
+    value = plain(value)
     if isinstance(value, dict):
         return f"{{{', '.join(f'{key} = {_inner(one)}' for key, one in value.items())}}}"
     if isinstance(value, (list, tuple)):

@@ -22,7 +22,7 @@ from pathlib import Path
 
 import armplane
 
-from ..results import INSTALL, Parser, _program, _sentence, toml, write_whole
+from ..results import INSTALL, Parser, _program, _sentence, as_settings, write_whole
 from . import GIVEN_CLOCK as BASE
 from . import NO_HINTS, OPPONENTS, OWN_CLOCK, tasks
 from .children import CHILDREN
@@ -64,7 +64,7 @@ CLOCK = {"key", "median_us", "p99_us", "first_ms", "reason"}
 
 def sets(settings):
     """The arguments of a run with these settings."""
-    return [part for key, value in settings.items() for part in ("--set", f"{key}={toml(value)}")]
+    return [f"--set={one}" for one in as_settings(settings)]
 
 
 @dataclass
@@ -217,7 +217,7 @@ class Sent(armplane.Controller):
 
 def tried(entry, task, folder, more):
     """The numbers of a law, by a trial on this thread; an opponent has one of its own before, whose messages are taken up."""
-    text, settings, controller = task.text or task.name, dict(pair.split("=", 1) for pair in more[1::2]), None
+    text, settings, controller = task.text or task.name, dict(one.removeprefix("--set=").split("=", 1) for one in more), None
     if not entry.own:
         sent, cost = f"{folder}/sent", f"{folder}/cost"
         given = {"scenario": text, "settings": settings, "file": sent, "environment": {"ARMPLANE_ARENA": entry.attributes(), "ARMPLANE_ARENA_COST": cost}}
@@ -492,7 +492,7 @@ def races(summary, found, todo, more):
 
 def compete(asked):
     folder = Path(asked.out)
-    more = [*(part for pair in asked.set for part in ("--set", pair)), *(["--plant", asked.plant] if asked.plant else [])]
+    more = [*(f"--set={pair}" for pair in asked.set), *(["--plant", asked.plant] if asked.plant else [])]
     if folder.exists() and not folder.is_dir():
         refuse(f"{folder} is a file: give a folder with --out")
     # Before the first line of an opponent runs: it may write to the file.

@@ -12,28 +12,29 @@ from scipy.spatial.transform import Rotation
 from .logs import LogError
 
 ROLES = tuple("t q qdot tau q_cmd qdot_cmd tau_cmd twist_cmd pose pose_cmd".split())
-_COMMAND = set("cmd cmds command commands commanded target desired des reference ref setpoint goal action d c trajectory".split())
+_words = lambda text: set(text.split())
+_COMMAND = _words("cmd cmds command commands commanded target desired des reference ref setpoint goal action d c trajectory")
 _MEASURED = {"feedback", "actual", "measured"}
-_VELOCITY = set("qd dq qdot vel velocity velocities speed speeds qvel jog".split())
-_TORQUE = set("tau torque torques effort efforts moment".split())
-_POSITION = set("q pos position positions angle angles jpos qpos".split())
-_CARTESIAN = set("tcp pose twist wrench force ee cartesian linear angular orientation flange be eef delta".split())
+_VELOCITY = _words("qd dq qdot vel velocity velocities speed speeds qvel jog")
+_TORQUE = _words("tau torque torques effort efforts moment")
+_POSITION = _words("q pos position positions angle angles jpos qpos")
+_CARTESIAN = _words("tcp pose twist wrench force ee cartesian linear angular orientation flange be eef delta")
 # Words around joints that say nothing about the quantity.
-_PLAIN = _COMMAND | _MEASURED - {"measured"} | set("observation state states joint joints j axis a * # data arm robot".split())
+_PLAIN = _COMMAND | _MEASURED - {"measured"} | _words("observation state states joint joints j axis a * # data arm robot")
 # Columns that name joints, but are none of these quantities.
-_NO = set(
+_NO = _words(
     """error errors err innovation std temperature current currents voltage acceleration accelerations acc ddq qdd limit min max raw disturbance received sent
     ext external encoder task null aux planned received_ns gravity friction singularity singularities events header mode status mask output drive index images
-    imu""".split()
+    imu"""
 )
-_NO_HAND = _NO | set("wrench force error imu torque camera odom".split())
-_TIME = set("t time timestamp timestamps stamp elapsed clock secs seconds".split())
+_NO_HAND = _NO | _words("wrench force error imu torque camera odom")
+_TIME = _words("t time timestamp timestamps stamp elapsed clock secs seconds")
 _TICK = (["tick"], ["frame", "index"])
 _BEST = "plant_state joint_states joint_state actual feedback measured observation state estimate".split()
 _HALVES = {"linear": "l", "angular": "a", "orientation": "q", "position": "p"}
 # How the columns of a twist, of a place and of a rotation end.
 _TWISTS, _PLACES, _TURNS = ["lx ly lz ax ay az", "vx vy vz wx wy wz"], ["px py pz", "x y z"], ["qx qy qz qw", "qqx qqy qqz qqw", "rx ry rz"]
-_AXES = set("x y z w vx vy vz wx wy wz qx qy qz qw rx ry rz".split())
+_AXES = _words("x y z w vx vy vz wx wy wz qx qy qz qw rx ry rz")
 
 
 @dataclass

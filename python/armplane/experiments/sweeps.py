@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from .. import _armplane
-from ..results import as_settings, write_whole
+from ..results import as_settings, plain, write_whole
 from ..trials import trial
 
 MOST = 10_000_000
@@ -132,14 +132,14 @@ def draw(scenario, space, runs=None, method="grid", seed=1, settings=None):
         lists = [values.grid(whole[key]) if isinstance(values, Range) else values for key, values in space.items()]
         count = math.prod(map(len, lists))
         _check(count)
-        return [dict(zip(space, map(_scalar, point))) for point in itertools.product(*lists)]
+        return [dict(zip(space, map(plain, point))) for point in itertools.product(*lists)]
     _check(runs)
     shares = _shares(method, len(space), runs, seed)
     columns = []
     for share, (key, values) in zip(shares.T, space.items()):
         listed = None if isinstance(values, Range) else list(values)
         columns.append(values.at(share, whole[key]) if listed is None else [listed[int(x * len(listed))] for x in share])
-    return [dict(zip(space, map(_scalar, point))) for point in zip(*columns)]
+    return [dict(zip(space, map(plain, point))) for point in zip(*columns)]
 
 
 def lack(table, space):
@@ -180,7 +180,7 @@ def _tried(scenario, settings, key, values):
         if len(values) == 0:
             raise ValueError(f"{key} has no values")
         for value in values:
-            laid(_scalar(value))
+            laid(plain(value))
         return False
     if not (math.isfinite(values.low) and math.isfinite(values.high) and values.low < values.high):
         raise ValueError(f"{key}: the range from {values.low} to {values.high} is empty or has no end")
@@ -250,11 +250,7 @@ def _claim(folder, plan, first):
         raise ValueError(f"{folder} holds another sweep (other {', '.join(changed)}): choose another folder")
 
 
-def _scalar(value):
-    return value.tolist() if hasattr(value, "tolist") else value
-
-
 def _plain(value):
     """As JSON has it."""
-    other = lambda one: asdict(one) if isinstance(one, Range) else one.tolist() if hasattr(one, "tolist") else list(one)
+    other = lambda one: asdict(one) if isinstance(one, Range) else plain(one) if hasattr(one, "tolist") else list(one)
     return json.loads(json.dumps(value, default=other))
