@@ -243,6 +243,14 @@ seed = 1
 """
 
 
+@pytest.mark.parametrize("wrong", ["scenario = 5", "key = 5", "key = [5]", "sample = 5", "set = [5]", "name = true"])
+def test_a_wrong_type_in_a_sweeps_file_is_a_value_error(wrong):
+    others = [line for line in ('name = "a"', 'scenario = "short.toml"', "key = []") if line[:3] != wrong[:3]]
+    Path("a.toml").write_text("\n".join([wrong, *others]))
+    with pytest.raises(ValueError, match="5|True"):
+        command.read_file(Path("a.toml"))
+
+
 def test_a_killed_sweep_goes_on_and_its_table_is_that_of_one_piece():
     Path("killed.toml").write_text(SWEEP)
     name, arguments = command.read_file(Path("killed.toml"))

@@ -8,8 +8,13 @@ import armplane
 
 from ..results import INSTALL, Parser, _next_folder, listed, read_toml
 
-# Of a sweep's file and its tables: the keys that it needs, and others.
-KEYS = {"": ("name scenario key", "set sample"), "sample: ": ("runs", "seed method"), "key: ": ("key", "values from to steps scale")}
+# Of a sweep's file and its tables: the kinds of the keys that it needs, and of others.
+KEYS = {
+    "": ("name: text, scenario: text, key: list of tables", "set: list, sample: table"),
+    "sample: ": ("runs: number", "seed: number, method: text"),
+    "key: ": ("key: text", "values: list, from: number, to: number, steps: whole number, scale: text"),
+}
+KINDS = {"text": str, "list": list, "table": dict, "list of tables": (dict, list), "number": (int, float), "whole number": int}
 
 
 def main():
@@ -97,7 +102,7 @@ def _steered(experiments, options):
 
 
 def _setting(text):
-    key, equals, value = text.partition("=")
+    key, equals, value = str(text).partition("=")
     if not equals:
         raise ValueError(f"`{text}` is not KEY=VALUE")
     return key, value
@@ -120,14 +125,14 @@ def read_file(path):
         raise ValueError(f"{path}: {error}") from None
     if "robot" in spec:
         raise ValueError(f"{path} is a scenario: the file of a sweep has scenario = \"{path.name}\", and a [[key]] for each that varies (docs/sweeps.md)")
-    _only(path, "", spec)
+    _check(path, "", spec)
     beside = path.parent / spec["scenario"]
     sample = spec.get("sample", {})
     if sample:
-        _only(path, "sample: ", sample)
+        _check(path, "sample: ", sample)
     space = {}
     for key in listed(spec["key"]):
-        _only(path, "key: ", key)
+        _check(path, "key: ", key)
         name = key["key"]
         if name in space or name in ("graph", "name"):
             raise ValueError(f"{path}: `{name}` is given twice, or cannot vary within a sweep")
@@ -135,26 +140,28 @@ def read_file(path):
             raise ValueError(f"{path}: `{name}` needs either `values`, or `from` and `to`")
         if key.get("scale", "linear") not in ("linear", "log"):
             raise ValueError(f"{path}: the scale of `{name}` is `linear` or `log`")
-        for part, kinds in (("from", (int, float)), ("to", (int, float)), ("steps", int)):
-            if not isinstance(key.get(part, 0), kinds) or isinstance(key.get(part), bool):
-                raise ValueError(f"{path}: `{part}` of `{name}` is {key[part]!r}: give a {'whole ' * (kinds is int)}number")
         space[name] = key["values"] if "values" in key else Range(key["from"], key["to"], key.get("steps", 0), key.get("scale") == "log")
     method = sample.get("method", "random" if sample else "grid")
     scenario = str(beside) if beside.suffix == ".toml" and beside.is_file() else spec["scenario"]
-    if not isinstance(spec.get("set", []), list) or not all(isinstance(one, str) for one in spec.get("set", [])):
-        raise ValueError(f'{path}: `set` is a list of texts, such as ["plant.friction=true"]')
-    if not isinstance(spec["name"], str) or spec["name"] in ("", ".", "..") or "/" in spec["name"]:
+    if spec["name"] in ("", ".", "..") or "/" in spec["name"]:
         raise ValueError(f"{path}: `name` is {spec['name']!r}: give the name of a folder within runs/")
     settings = dict(_setting(one) for one in spec.get("set", []))
     return spec["name"], {"scenario": scenario, "space": space, "runs": sample.get("runs"), "method": method, "seed": sample.get("seed", 0), "settings": settings}
 
 
-def _only(path, where, table):
-    needed, others = (words.split() for words in KEYS[where])
-    for key in table.keys() - {*needed, *others}:
-        raise ValueError(f"{path}: {where}`{key}` is unknown; there are {', '.join(sorted([*needed, *others]))}")
-    for key in {*needed} - table.keys():
-        raise ValueError(f"{path}: {where}`{key}` is missing")
+def _check(path, where, table):
+    """Raises ValueError where a key is unknown, missing, or of another kind."""
+    needed, others = (dict(one.split(": ") for one in words.split(", ")) for words in KEYS[where])
+    kinds = needed | others
+    if not isinstance(table, dict):
+        raise ValueError(f"{path}: {where}{table!r} is no table")
+    for key in [*table, *needed]:
+        if key not in kinds:
+            raise ValueError(f"{path}: {where}`{key}` is unknown; there are {', '.join(sorted(kinds))}")
+        if key not in table:
+            raise ValueError(f"{path}: {where}`{key}` is missing")
+        if not isinstance(table[key], KINDS[kinds[key]]) or isinstance(table[key], bool):
+            raise ValueError(f"{path}: {where}`{key}` is {table[key]!r}: give a {kinds[key]}")
 
 
 if __name__ == "__main__":
