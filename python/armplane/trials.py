@@ -66,8 +66,8 @@ def arm_of(urdf, description, tip=None):
 
 
 def _whole(name, value, least=0):
-    if value is not None and (int(value) != value or not least <= value < 2**63):
-        raise ValueError(f"{name} = {value}: give a whole number from {least}")
+    if value is not None and (isinstance(value, (str, bool)) or int(value) != value or not least <= value < 2**63):
+        raise ValueError(f"{name} = {value!r}: give a whole number from {least}")
     return value
 
 

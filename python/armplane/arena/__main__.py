@@ -105,9 +105,9 @@ def entries(names):
         head, *pairs = text.split(":")
         settings = {key: _value(value) for key, _, value in (pair.partition("=") for pair in pairs)}
         name, _, file = head.partition("=")
-        title, strategy, is_file = ":".join([name, *pairs]), DATA["strategy"].get(name, name), file or name in OPPONENTS
-        if is_file:
-            file = Path(file or OPPONENTS[name]).resolve()
+        title, strategy, file = ":".join([name, *pairs]), DATA["strategy"].get(name, name), file or OPPONENTS.get(name)
+        if file:
+            file = Path(file).resolve()
             if not file.is_file():
                 refuse(f"there is no file {file}: give the path of an opponent that exists")
             reason, about = asked_file(file, settings)

@@ -17,7 +17,7 @@ import pandas as pd
 
 from .. import _armplane
 from ..results import as_settings, plain, write_whole
-from ..trials import trial
+from ..trials import _whole, trial
 
 MOST = 10_000_000
 PLAN = "sweep.json"
@@ -64,16 +64,16 @@ def sweep(scenario, space, runs=None, method="grid", *, seed=1, settings=None, o
         raise ValueError("jobs = 0: give a number of threads, or -1 for all cores")
     if out is not None and Path(out).is_file():
         raise ValueError(f"out: {out} is a file, not a folder")
-    points = draw(scenario, space, runs, method, seed, settings)
+    points, job = draw(scenario, space, runs, method, seed, settings), (scenario, settings or {}, run)
     chunk = min(max(math.ceil(len(points) / 64), 8), 1000)
     chunks = {i: points[i : i + chunk] for i in range(0, len(points), chunk)}
     plan = {"scenario": str(scenario), "settings": settings or {}, "space": space, "method": method, "seed": seed, "runs": len(points), "chunk": chunk}
     parts = {i: Path(out) / f"runs-{i:08}.parquet" for i in chunks} if out is not None else {}
     if out is not None:
-        _claim(Path(out), plan, _first(scenario, points[0], settings, run))
+        _claim(Path(out), plan, _run(*job, points[0]))
     todo = {i: points for i, points in chunks.items() if i not in parts or _part(parts[i]) is None}
     done, tables = len(points) - sum(map(len, todo.values())), {}
-    for i, rows in _spread(todo, (scenario, settings, run), client, jobs):
+    for i, rows in _spread(todo, job, client, jobs):
         tables[i] = table = pd.json_normalize(rows)
         if out is not None:
             write_whole(parts[i], table.to_parquet(index=False))
@@ -122,9 +122,7 @@ def draw(scenario, space, runs=None, method="grid", seed=1, settings=None):
         raise ValueError(f"method {method!r} needs runs, the number of points")
     if method == "grid" and runs is not None:
         raise ValueError(f"runs = {runs} is for a sample: method \"random\" or \"sobol\"; a grid has as many as its values make")
-    for name, value, least in (("runs", runs, 1), ("seed", seed, 0)):
-        if value is not None and (isinstance(value, (str, bool)) or int(value) != value or value < least):
-            raise ValueError(f"{name} = {value!r}: give a whole number from {least}")
+    _whole("runs", runs, 1), _whole("seed", seed)
     for key, values in space.items():
         _check(values.steps if isinstance(values, Range) else len(values) if hasattr(values, "__len__") else 1, least=0)
     whole = {key: _tried(scenario, settings, key, values) for key, values in space.items()}
@@ -196,29 +194,29 @@ def _tried(scenario, settings, key, values):
         return True
 
 
-def _spread(chunks, arguments, client, jobs):
+def _spread(chunks, job, client, jobs):
     """The rows of each chunk, as they come."""
     if client is not None:
         from distributed import as_completed
 
-        futures = [client.submit(_rows, i, points, *arguments, pure=False, retries=3) for i, points in chunks.items()]
+        futures = [client.submit(_rows, i, points, *job, pure=False, retries=3) for i, points in chunks.items()]
         yield from (future.result() for future in as_completed(futures))
         return
     import joblib
 
-    work = (joblib.delayed(_rows)(i, points, *arguments) for i, points in chunks.items())
+    work = (joblib.delayed(_rows)(i, points, *job) for i, points in chunks.items())
     # Threads: a trial leaves Python's lock, and nothing is left behind when this process is killed.
     yield from joblib.Parallel(n_jobs=jobs, backend="threading", return_as="generator_unordered")(work)
 
 
-def _rows(first, points, scenario, settings, run):
-    return first, [_row(first + i, point, _run(run, scenario, {**(settings or {}), **point})) for i, point in enumerate(points)]
+def _rows(first, points, *job):
+    return first, [_row(first + i, point, _run(*job, point)) for i, point in enumerate(points)]
 
 
-def _run(run, scenario, settings):
+def _run(scenario, settings, run, point):
     """A row, for what cannot be loaded, too: each value was tried alone, but they may contradict each other, or the arm."""
     try:
-        return run(scenario, settings)
+        return run(scenario, {**settings, **point})
     except ValueError as error:
         return {"outcome": "refused", "reason": str(error)}
 
@@ -228,16 +226,10 @@ def _row(number, point, result):
     return row | {name: ", ".join(map(str, value)) if isinstance(value, list) else value for name, value in result.items()}
 
 
-def _first(scenario, point, settings, run):
-    """A digest of the first run, which changes with the program, the arm and the scenario's files."""
-    row = _run(run, scenario, {**(settings or {}), **point})
-    return hashlib.sha256(json.dumps(row, sort_keys=True).encode()).hexdigest()
-
-
 def _claim(folder, plan, first):
-    """Makes the folder the plan's, or checks that it is."""
+    """Makes the folder the plan's, or checks that it is. `first`: the row of its first run, which changes with the program, the arm and the scenario's files."""
     folder.mkdir(parents=True, exist_ok=True)
-    wanted = _plain({**plan, "first_run_sha256": first})
+    wanted = _plain({**plan, "first_run_sha256": hashlib.sha256(json.dumps(first, sort_keys=True).encode()).hexdigest()})
     if not (folder / PLAN).exists():
         if any(folder.iterdir()):
             raise ValueError(f"{folder} is not empty, and not a sweep's: choose another folder")
