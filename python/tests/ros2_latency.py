@@ -14,13 +14,12 @@ HZ, SECONDS = 500, 20
 def main():
     for mode in ("lockstep", "realtime"):
         with tempfile.TemporaryDirectory() as folder:
-            face = Face(None, pathlib.Path(folder), f"servo ur5 --duration 100 --mode {mode} --ros2=units,rate={HZ}")
-            while not face.peer.ask("heard", "servo_node/delta_twist_cmds"):
-                time.sleep(0.1)
-            time.sleep(1)
-            face.peer.ask("take", "joint_states")
-            sent, ages = face.peer.ask("lag", "joint_states", SECONDS, HZ)
-            face.end()
+            with Face(None, pathlib.Path(folder), f"servo ur5 --duration 100 --mode {mode} --ros2=units,rate={HZ}") as face:
+                while not face.peer.ask("heard", "servo_node/delta_twist_cmds"):
+                    time.sleep(0.1)
+                time.sleep(1)
+                face.peer.ask("take", "joint_states")
+                sent, ages = face.peer.ask("lag", "joint_states", SECONDS, HZ)
             targets = armplane.load(f"{folder}/run").messages("target")
         # The operator stamps last.
         count, when = np.rint(targets["target"]["twist"][:, 0] * 1e9).astype(int), targets["header"]["sent_ns"].max(axis=1)

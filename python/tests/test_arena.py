@@ -300,7 +300,7 @@ def test_one_that_lasts_longer_than_a_delay_is_still_stopped():
     assert not after_delay({**row, "missed": "joint stop, end", "stopped_ticks": 2})["s1"]
 
 
-def test_the_arm_is_the_same_in_pinocchio(tmp_path):
+def test_the_arm_is_the_same_in_pinocchio():
     pinocchio = pytest.importorskip("pinocchio")
     from armplane.arena import Arm
 

@@ -171,17 +171,14 @@ class Face:
         """Of the process of the run."""
         return next(iter(having(ROS_DOMAIN_ID=DOMAIN, ARMPLANE_PROCESS="ros2")), None)
 
-    def end(self):
-        self.process.send_signal(signal.SIGINT)
-        self.process.wait(30)
-        self.peer.stop()
-        assert self.pid() is None
-
     def __enter__(self):
         return self
 
     def __exit__(self, *_):
-        self.end()
+        self.process.send_signal(signal.SIGINT)
+        self.process.wait(30)
+        self.peer.stop()
+        assert self.pid() is None
 
 
 def twist(v, w=(0, 0, 0), frame="base_link", stamp=None):

@@ -35,7 +35,7 @@ def autopsy(path, robot, tip=None, mapping=None, episode=None, picture=None):
     source.tables.clear()
     for piece in _pieces(log):
         m = motion_of(piece, robot)
-        found.append((m, *find(piece, m)))
+        found.append((m, *find(m)))
     m, seen, ranked = max(found, key=lambda one: (one[2][0].what != "none", one[2][0].weight))
     answer = _answer(source, log, m, seen, ranked)
     others = [{"t": round(float(first.t), 4), "cause": first.what} for _, _, (first, *_) in found if first.what != "none" and first is not ranked[0]]

@@ -40,18 +40,18 @@ def long_runs(masks, t, least):
 # --- causes from outside ---
 
 
-def nan(log, m):
+def nan(m):
     """A number that is none, in a column that is dense otherwise."""
-    for role, stream in log.streams.items():
+    for role, stream in m.log.streams.items():
         broken = ~np.isfinite(stream.x.reshape(len(stream.x), -1)).all(axis=1)
         if broken.any() and not broken.all():
             t, rows = stream.t[np.argmax(broken)], broken.sum()
             yield Found("NaN", t, f"{stream.name} is NaN, infinite or missing from {t:.3f} s on, in {rows} of {len(broken)} rows", 0.97, role=role, rows=rows)
 
 
-def gap(log, m):
+def gap(m):
     """Stamps that leave out several periods, of the state or of a command that came at a steady rate; or that run back."""
-    for role, stream in log.streams.items():
+    for role, stream in m.log.streams.items():
         steps, t = np.diff(stream.t), stream.t
         if (steps < -1e-3).any():
             k = np.argmax(steps < -1e-3)
@@ -65,11 +65,11 @@ def gap(log, m):
                 yield Found(GAP, t[k], words, 0.92, seconds=seconds, until=t[k + 1], role=role)
 
 
-def command_jump(log, m):
+def command_jump(m):
     """A step in the command that its neighbours do not announce."""
     for role, floor in (("q_cmd", 0.03), ("pose_cmd", 0.01), ("twist_cmd", 0.15)):
-        stream, is_joints = log[role], role == "q_cmd"
-        if stream is None or len(stream.t) < 12 or stream is log["q"]:
+        stream, is_joints = m.log[role], role == "q_cmd"
+        if stream is None or len(stream.t) < 12 or stream is m.log["q"]:
             continue
         x = stream.x[:, :3, 3] if role == "pose_cmd" else stream.x
         known = np.isfinite(x).all(axis=1)
@@ -93,7 +93,7 @@ def command_jump(log, m):
 # --- limits ---
 
 
-def joint_limit(log, m):
+def joint_limit(m):
     """A joint that has come to its limit and rests there, or is told to go on."""
     r, back, n = m.robot, max(5, int(0.3 / m.dt)), m.robot.dof
     span = r.upper - r.lower
@@ -111,7 +111,7 @@ def joint_limit(log, m):
             yield Found("joint limit", m.t[a], words, 0.9 if pushed else 0.84, joint=r.joints[j], limit=limit[k])
 
 
-def speed_limit(log, m):
+def speed_limit(m):
     """A joint at its largest speed for a while, or a command beyond it, of joints or of the hand."""
     limits = m.robot.velocity
     yield from _saturation(m, "speed limit", m.v, limits, 0.97, 0.78, "rad/s", m.vc)
@@ -125,7 +125,7 @@ def speed_limit(log, m):
             yield Found("speed limit", t[hit[0]], text, 0.77, joint=m.robot.joints[j], flips=0)
 
 
-def torque_limit(log, m):
+def torque_limit(m):
     """A drive at its largest torque for a while; alternating ends are an oscillation's."""
     if m.tau is not None:
         for one in _saturation(m, "torque limit", m.tau, m.robot.effort, 0.985, 0.8, "N·m"):
@@ -148,11 +148,11 @@ def _saturation(m, cause, x, limits, share, weight, unit, command=None):
         yield Found(cause, m.t[a], words, weight, joint=joint, limit=limit, flips=flips, seconds=seconds)
 
 
-def oscillation(log, m):
+def oscillation(m):
     """A joint that swings to and fro at 2 Hz or more, several times, and more than before."""
     width = max(3, int(0.5 / m.dt))
     # Uneven stamps make speeds swing, too.
-    jitter = 0 if log["qdot"] is not None else np.median(np.abs(np.diff(m.t) - m.dt)) / m.dt
+    jitter = 0 if m.log["qdot"] is not None else np.median(np.abs(np.diff(m.t) - m.dt)) / m.dt
     fast, size = m.v - smooth(m.v, max(3, int(0.16 / m.dt))), np.abs(m.v)
     power, turns = np.sqrt(np.maximum(smooth(fast**2, width), 0)), np.zeros_like(fast)
     for j in range(m.robot.dof):
@@ -174,7 +174,7 @@ def oscillation(log, m):
 # --- the singularity ---
 
 
-def singularity(log, m):
+def singularity(m):
     """The arm near a lost direction ζ while the hand was asked to move along it, and did not, or only with far more joint speed than there is.
 
     The motion asked for is the twist or pose of the log; with joint commands alone, which pass any posture, it is the hand's steady motion before.
@@ -380,11 +380,11 @@ RULES = {
 }
 
 
-def find(log, m):
+def find(m):
     """(effects in order of time, evidence ranked): the likeliest cause first; `none` where nothing happened."""
     if not m.fits:
         return [], [Found("another robot", 0.0, (m.notes or ["the log does not fit the robot"])[-1], 1.0)]
-    best = (max(rule(log, m), key=worth, default=None) for rule, worth in RULES.items())
+    best = (max(rule(m), key=worth, default=None) for rule, worth in RULES.items())
     found = {one.what: one for one in best if one}
     swing, lock, limit = map(found.get, ("oscillation", "singularity", "joint limit"))
     seen = [*stops(m), *strays(m), *jumps(m)]
