@@ -259,5 +259,7 @@ codes! {
         REASON_OVER = 9 "over",
         /// The hand is far behind that of the reference arm.
         REASON_HELD = 10 "held back: something is in the arm's way",
+        /// A twist has a share in axes that are not of the arm's task.
+        REASON_AXES = 11 "leaves out axes that the arm does not serve",
     }
 }

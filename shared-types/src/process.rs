@@ -33,7 +33,8 @@ pub struct Process {
     /// the process with `feedback`, in real time. `armplane run --plant` sets it.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub robot: String,
-    /// Longest time for a tick in a program that uses `libarmplane-process`; s. 0: 10 s.
+    /// Longest time for a tick in a program that uses `libarmplane-process`; s. 0: 10 s. If it is stated, also the longest time that the program may be
+    /// stopped by SIGSTOP.
     #[serde(default, skip_serializing_if = "crate::is_default")]
     pub answer_limit_s: u32,
     /// Longest time from the start until your program joins; s. 0: 60 s, or 600 s if `external`.

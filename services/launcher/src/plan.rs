@@ -23,6 +23,8 @@ pub struct Child {
     /// How often it is started again in real time after an unrequested end; after one more the run ends. In lockstep all processes start again, whatever
     /// this is; 0 means that an error of its own is the end there too.
     pub most_restarts: u32,
+    /// How long it may be stopped (SIGSTOP) where nothing else limits that; `None`: as long as its user likes.
+    pub longest_stop: Option<Duration>,
 }
 
 /// The launcher's time limits. `None`: no limit, because in lockstep no clock decides about a

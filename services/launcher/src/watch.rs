@@ -181,7 +181,7 @@ impl Supervised {
                 || plan.process.makes_ticks
                 || plan.most_restarts > 0;
             let limit = if is_stopped {
-                self.plan.limits.stopped
+                self.plan.limits.stopped.or(plan.longest_stop)
             } else {
                 self.plan.limits.silent
             };

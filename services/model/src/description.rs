@@ -69,7 +69,7 @@ pub(crate) struct Description {
     payload: Option<Payload>,
     pub(crate) length_m: Option<f64>,
     pub(crate) encoder_bits: Option<u32>,
-    task: Option<Vec<TaskAxis>>,
+    pub(crate) task: Option<Vec<TaskAxis>>,
     pub(crate) meshes: PathBuf,
     pub(crate) factors: Factors,
     joints: BTreeMap<String, JointTable>,

@@ -111,15 +111,17 @@ fn read(source: &RobotText) -> Result<Robot, Defect> {
     };
     robot.task = geometry::served_axes(&robot);
     let served = robot.task.count();
-    if served < robot.dof().min(6) && robot.dof() > 3 {
+    if served < 6 && robot.dof() > 3 && description.task.is_none() {
         let names = robot
             .task
             .iter()
             .map(|axis| format!("{axis:?}").to_lowercase());
-        robot.notes.push(format!(
-            "the task is {}: no other axis is independent of these wherever the arm faces; state `task` in the description for others",
-            names.collect::<Vec<_>>().join(", ")
-        ));
+        let names = names.collect::<Vec<_>>().join(", ");
+        robot.notes.push(if served < robot.dof() {
+            format!("the task is {names}: no other axis is independent of these wherever the arm faces; state `task` in the description for others")
+        } else {
+            format!("the task is {names}: the arm has no joint for another axis, whose motion is as the others make it")
+        });
     }
     description.apply(&mut robot)?;
     robot.check_factors()?;

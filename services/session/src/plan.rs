@@ -43,6 +43,8 @@ pub fn plan(job: &Job) -> Result<Plan, Failure> {
         },
         ends_run: process.role() == Role::World,
         most_restarts: process.restarts(),
+        longest_stop: (process.answer_limit_s > 0)
+            .then(|| Duration::from_secs(process.answer_limit_s.into())),
     });
     let messages = graph.own_messages().collect();
     let limits = match graph.process.iter().any(is_external) {

@@ -4,6 +4,7 @@
 //! k_v (proof: `inside_a_neighbourhood_the_loop_is_a_damped_potential`). Outside, β = 1 and the loop is not used.
 
 use crate::controller::Setup;
+use crate::limits::range::Room;
 use crate::linear::smoothstep;
 use crate::paper::reference::{Memory, Target};
 use crate::paper::switching::{self, Condition};
@@ -43,6 +44,8 @@ pub struct Gains {
     pub rate_max: f64,
     /// Largest change of rate, rad/s².
     pub slew: f64,
+    /// What the joints' limits leave of the rate.
+    pub room: Room,
 }
 
 impl Gains {
@@ -73,6 +76,7 @@ impl Gains {
             k_v: control.k_v,
             rate_max,
             slew,
+            room: Room::default(),
         }
     }
 }
@@ -216,7 +220,8 @@ impl Loop {
         }
         self.trust += (gone - self.trust).clamp(-TRUST_RATE * dt, TRUST_RATE * dt);
         let (correction, nominal) = (gains.k * error, target.rate / clock);
-        let bounded = |rate: f64| rate.clamp(-gains.rate_max, gains.rate_max);
+        let [down, up] = gains.room.rates;
+        let bounded = |rate: f64| rate.clamp(-gains.rate_max, gains.rate_max).clamp(down, up);
         if let Some(change) = target.change {
             self.rate = target.rate + bounded(correction);
             self.feed_forward = change + gains.k * (target.rate - s.aux_rate);
@@ -292,6 +297,10 @@ mod tests {
         k_v: 40.0,
         rate_max: 3.0,
         slew: 50.0,
+        room: Room {
+            rates: [f64::NEG_INFINITY, f64::INFINITY],
+            joints: [None; 2],
+        },
     };
 
     /// A tick in which the path is an error of the auxiliary coordinate away.

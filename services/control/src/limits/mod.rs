@@ -5,7 +5,7 @@
 //! | plausibility | the law from estimates that no arm can have moved to | the path: the arm is brought to rest meanwhile | [`plausible`] |
 //! | lead (targets) | the reference near the arm | what the target asks for beyond reach | [`lead`](crate::reference::targets::lead) |
 //! | feedback | accelerations that an arm has | the answer to an error beyond 50 mm, 0.25 rad | [`reference`](crate::reference) |
-//! | auxiliary rate | null motion that a joint can follow | the rate of the auxiliary coordinate | [`auxiliary`](crate::law::auxiliary) |
+//! | auxiliary rate | null motion that a joint can follow; of a reference arm, with which it can stop before its limits | the rate of the auxiliary coordinate | [`auxiliary`](crate::law::auxiliary) |
 //! | range | a joint before its limit | the run: it is refused, and the arm brakes | [`range`] |
 //! | speed | every joint's speed | null-space torque, path torque, the rest | [`speed`] |
 //! | torque | every joint's torque | null-space torque, path torque, the rest, what a joint lacks | [`torque`] |

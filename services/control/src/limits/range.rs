@@ -109,6 +109,53 @@ pub fn fastest<const N: usize>(q: &Joints<N>, qdot: &Joints<N>, model: &Model<N>
     fastest
 }
 
+/// What the joints' limits leave to a motion of the null space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Room {
+    /// Its lowest and its highest rate, rad/s.
+    pub rates: [f64; 2],
+    /// Index of the joint at whose limit each of them is, and whether that is the upper one; `None` where no limit matters.
+    pub joints: [Option<(usize, bool)>; 2],
+}
+
+impl Default for Room {
+    fn default() -> Self {
+        Self {
+            rates: [f64::NEG_INFINITY, f64::INFINITY],
+            joints: [None; 2],
+        }
+    }
+}
+
+impl Room {
+    /// Of the motion that moves the joints by `w` per unit, at most at the rate `rate_max`; by the rule of [`fastest`].
+    pub fn of<const N: usize>(
+        q: &Joints<N>,
+        w: &Joints<N>,
+        rate_max: f64,
+        model: &Model<N>,
+    ) -> Self {
+        let mut room = Self::default();
+        for (side, rate) in [-rate_max, rate_max].into_iter().enumerate() {
+            let Fastest { clock, joint } = fastest(q, &(w * rate), model);
+            if joint.is_some() {
+                (room.rates[side], room.joints[side]) = (rate * clock, joint);
+            }
+        }
+        room
+    }
+
+    /// The joint that holds a motion of this rate back.
+    pub fn joint_at(&self, rate: f64) -> Option<(usize, bool)> {
+        let [down, up] = self.rates;
+        match (rate <= down, rate >= up) {
+            (true, _) => self.joints[0],
+            (_, true) => self.joints[1],
+            _ => None,
+        }
+    }
+}
+
 /// Rate of the last approach to a stop, K, 1/s.
 const APPROACH: f64 = 8.0;
 /// Time in which a speed is adapted, T, s: 1/T > 4·K, so that no joint overshoots.

@@ -270,10 +270,10 @@ impl<const N: usize> Situation<'_, N> {
 
     /// Whether the joints have room for the auxiliary coordinate to move so far.
     fn fits(&self, by: f64) -> bool {
-        let s = self.s;
         (0..N).all(|i| {
-            let q = self.q[i] + s.aux_row[i] * by;
-            s.aux_row[i].abs() < 1e-3 || q > self.model.lower()[i] && q < self.model.upper()[i]
+            let q = self.q[i] + self.null_motion[i] * by;
+            self.null_motion[i].abs() < 1e-3
+                || q > self.model.lower()[i] && q < self.model.upper()[i]
         })
     }
 
@@ -406,9 +406,8 @@ impl<const N: usize> Situation<'_, N> {
 
     /// How far the auxiliary coordinate can move to this side before a joint that takes part in it is at its limit, rad; at most `most`.
     fn room(&self, side: f64, most: f64) -> f64 {
-        let s = self.s;
         (0..N).fold(most, |room, i| {
-            let by = side * s.aux_row[i];
+            let by = side * self.null_motion[i];
             let left = if by > 0.0 {
                 self.model.upper()[i] - self.q[i]
             } else {

@@ -83,6 +83,7 @@ impl Ring {
             },
             ends_run: index == 0,
             most_restarts: 0,
+            longest_stop: None,
         });
         Plan {
             mode: Mode::Lockstep,

@@ -69,7 +69,7 @@ impl<const N: usize> TargetState<N> {
             count(self.held_ticks, is_held),
         );
         if f64::from(self.held_ticks) * now.setup.scenario.dt_s() >= HELD_S {
-            self.ended = self.fastest.joint.map(|joint| Ended {
+            self.ended = self.fastest.joint.or(self.withheld).map(|joint| Ended {
                 asked: now.scaled(now.asked),
                 joint,
             });
@@ -97,6 +97,6 @@ impl<const N: usize> TargetState<N> {
             }
         };
         asked.dot(V) < STILL * asked.norm_squared()
-            && self.fastest.joint.is_some_and(|joint| room(joint) < NEAR)
+            && (self.fastest.joint.or(self.withheld)).is_some_and(|joint| room(joint) < NEAR)
     }
 }

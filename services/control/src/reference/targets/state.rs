@@ -51,7 +51,7 @@ pub struct Stops {
     pub why: Refusal,
 }
 
-/// The state of a steered run's reference; all of it but `fastest`, `resting` and `presses`, which each tick makes anew, survives a restart.
+/// The state of a steered run's reference; all of it but `fastest`, `withheld`, `resting` and `presses`, which each tick makes anew, survives a restart.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TargetState<const N: usize> {
     /// The target in force.
@@ -92,6 +92,8 @@ pub struct TargetState<const N: usize> {
     pub resting: bool,
     /// The clock that the joint limits allow at this tick.
     pub fastest: Fastest,
+    /// The joint before whose limit a null motion is held back at this tick, and whether that is the upper one.
+    pub withheld: Option<(usize, bool)>,
     /// The force of a target that the arm has given up, N; zero: none.
     pub given_up: [f64; 3],
     /// The hand presses as the target asks at this tick.
@@ -137,6 +139,7 @@ impl<const N: usize> TargetState<N> {
             ended: None,
             resting: false,
             fastest: Fastest::default(),
+            withheld: None,
             given_up: [0.0; 3],
             presses: false,
         }
@@ -296,6 +299,7 @@ impl<const N: usize> TargetState<N> {
                 }),
             resting: false,
             fastest: Fastest::default(),
+            withheld: None,
             given_up: from.given_up,
             presses: false,
         }

@@ -13,7 +13,8 @@ use crate::limits::Parts;
 use crate::limits::range::{self, Fastest};
 use crate::limits::torque::Limited;
 use crate::linear::{
-    Joints, Matrix3, Vector3, Vector6, angular, is_finite, linear, rotation_log, smoothstep, stack,
+    Joints, Matrix3, Vector3, Vector6, angular, is_finite, linear, rotation_log, served,
+    smoothstep, stack,
 };
 use crate::paper::operational_space::Cholesky;
 use crate::reference::path::{HORIZON_S, Progress};
@@ -22,9 +23,9 @@ use crate::tick::{self, Inputs};
 use crate::types::{Command, Phase, Refusal, Report};
 use model::{Pose, Terms};
 use shared_types::codes::{
-    REASON_EFFORT, REASON_FAST, REASON_FOLLOWING, REASON_HELD, REASON_LIMIT, REASON_OVER,
-    REASON_REACH, REASON_RESTING, REASON_SINGULARITY, REASON_STALE, REASON_STOPPED, TARGET_END,
-    TARGET_POSTURE, TARGET_REFUSAL_FORCE,
+    REASON_AXES, REASON_EFFORT, REASON_FAST, REASON_FOLLOWING, REASON_HELD, REASON_LIMIT,
+    REASON_OVER, REASON_REACH, REASON_RESTING, REASON_SINGULARITY, REASON_STALE, REASON_STOPPED,
+    TARGET_END, TARGET_POSTURE, TARGET_REFUSAL_FORCE, TARGET_TWIST,
 };
 use shared_types::scenario::Servo;
 use shared_types::{ServoState, TargetContent};
@@ -37,8 +38,8 @@ const AT_REST: f64 = 0.01;
 const ARRIVED: f64 = 0.02;
 /// |s|/η_out of the nearest singularity below which it is the reason for a slower clock.
 const NEAR: f64 = 2.0;
-/// Rate of an auxiliary coordinate above which it moves, rad/s.
-const TURNING: f64 = 0.02;
+/// Share of a twist that the task does not serve and that is none, m/s and rad/s.
+const UNSERVED: f64 = 1e-6;
 /// Saturation of the lead that counts as the boundary of reach.
 const SATURATED: f64 = 0.02;
 /// Distance between a joint and that of the reference arm from which the two have parted, rad.
@@ -57,12 +58,12 @@ struct Asked {
     wish: Wish,
     lead: Lead,
     age_s: f64,
+    /// Whether its twist has a share in axes that the task does not serve.
+    leaves_out: bool,
     /// How far the hand is behind that of the reference arm, m.
     behind: Vector3,
     /// Speed of the clock.
     clock: f64,
-    /// Whether an auxiliary coordinate moves: ζ turns, or a fold opens.
-    turns: bool,
 }
 
 impl<const N: usize> Controller<N> {
@@ -326,13 +327,14 @@ impl<const N: usize> State<N> {
             turn: angular(&targets.V) * HORIZON_S,
             ..Progress::at(targets.X)
         };
+        let unserved = wish.asked - served(&setup.task, &wish.asked);
         Asked {
             wish,
+            leaves_out: targets.held.kind == TARGET_TWIST && unserved.amax() > UNSERVED,
             lead,
             age_s,
             behind,
             clock,
-            turns: (self.loops.iter()).any(|one| one.engaged() && one.rate.abs() > TURNING),
         }
     }
 
@@ -480,16 +482,17 @@ impl<const N: usize> TargetState<N> {
         let (wish, clock) = (&asked.wish, asked.clock);
         let nearest = intake::nearest(report);
         let fastest = &self.fastest;
-        let limit = fastest
-            .joint
-            .filter(|_| fastest.clock < FULL && fastest.clock <= 1.2 * clock + 0.05);
         let is_posture = self.is_posture();
-        // A reference that leads while ζ turns out of its way is not beyond reach.
+        // Near a singularity a reference that leads may wait for ζ to turn out of its way: there the fold itself tells what is beyond reach.
         let is_near = nearest.is_some_and(|(_, openness)| openness < NEAR);
         let leads = asked.lead.saturation > SATURATED;
-        let is_bounded = self.clipped || leads && !(is_near && asked.turns);
+        let is_bounded = self.clipped || leads && !is_near;
         let is_off = linear(&wish.off).norm() > OFF.0 || angular(&wish.off).norm() > OFF.1;
         let is_slow = clock < FULL || leads || is_off;
+        let limit = fastest
+            .joint
+            .filter(|_| fastest.clock < FULL && fastest.clock <= 1.2 * clock + 0.05)
+            .or(self.withheld.filter(|_| is_slow));
         // The first that holds.
         let reasons = [
             (self.over.is_some(), REASON_OVER),
@@ -504,6 +507,7 @@ impl<const N: usize> TargetState<N> {
             (!is_posture && is_bounded, REASON_REACH),
             (is_slow && is_near, REASON_SINGULARITY),
             (clock < FULL, REASON_EFFORT),
+            (asked.leaves_out, REASON_AXES),
             (is_off || (wish.V - wish.asked).amax() > 1e-9, REASON_FAST),
         ];
         let reason = reasons.iter().find(|(holds, _)| *holds);
