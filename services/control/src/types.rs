@@ -154,6 +154,9 @@ pub struct Singularity<const N: usize> {
     pub eta_out: f64,
     /// ζ_i at C in base axes, continuous in sign.
     pub zeta_B: Vector6,
+    /// The other half of the lost covector, of which ζ_i is one half: in the lock every twist of C has ζ·v + other·ω = 0; m. If `angular`,
+    /// ζ·ω + other·v = 0; 1/m. Zero where a formula lists the singularity, and not on the wire.
+    pub other: Vector3,
     /// Singular frame: first axis along ζ_i.
     pub R_BS: Matrix3,
     /// Velocity along ζ_i per auxiliary rate, signed; m or 1.
@@ -216,6 +219,7 @@ impl<const N: usize> Singularity<N> {
             eta_in: 0.0,
             eta_out: 0.0,
             zeta_B: Vector6::zeros(),
+            other: Vector3::zeros(),
             R_BS: Matrix3::zeros(),
             gain: 0.0,
             askew: 0.0,

@@ -77,6 +77,7 @@ pub fn report<const N: usize>(message: &SingularityReport) -> Option<Report<N>> 
             eta_in: s.eta_in,
             eta_out: s.eta_out,
             zeta_B: Vector6::from(s.zeta_B),
+            other: Vector3::zeros(),
             R_BS: Matrix3::from_column_slice(&s.R_BS),
             gain: s.gain,
             askew: 0.0,

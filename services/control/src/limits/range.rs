@@ -265,6 +265,21 @@ mod tests {
     }
 
     #[test]
+    fn the_joint_that_moves_along_bounds_a_null_motion_and_only_towards_its_limit() {
+        let mut q = Vector6::zeros();
+        q[3] = puma().lower()[3] + STANDING + 0.01;
+        let w = Vector6::new(1.0, 0.0, 0.0, 2.0, 0.0, 0.0);
+        let room = Room::of(&q, &w, 1.5, puma());
+        assert!((room.rates[0] + 0.02).abs() < 1e-12 && room.rates[1] == f64::INFINITY);
+        let ends = [-0.02, -0.019, 1.5].map(|rate| room.joint_at(rate));
+        assert_eq!(ends, [Some((3, false)), None, None]);
+        assert_eq!(
+            Room::of(&Vector6::zeros(), &w, 1.5, puma()),
+            Room::default()
+        );
+    }
+
+    #[test]
     fn the_clock_slows_before_a_limit_and_is_free_away_from_it() {
         let (upper, velocity) = (puma().upper()[0], puma().velocity()[0]);
         let at = |q: f64, qdot: f64| {

@@ -471,6 +471,7 @@ impl<const N: usize> Tracker<N> {
         let (kind, usual) = self.places[entry.place];
         let own = if entry.latched { apart(u, before) } else { u };
         let (angular, half) = larger_half(&own, kind, &entry, svd.is_square());
+        let covector = unscaled(&own, self.length_m);
         let class = if entry.latched || entry.verdict.class != Class::Unknown {
             entry.verdict.class
         } else {
@@ -508,6 +509,8 @@ impl<const N: usize> Tracker<N> {
             class,
             angular,
             half: along_fold.unwrap_or(half),
+            other: half_of(&covector, !angular)
+                / half_of(&covector, angular).norm().max(NO_DIRECTION),
             Q,
             a,
             m,
@@ -561,6 +564,7 @@ impl<const N: usize> Tracker<N> {
             },
             s_rate: self.rate(svd, entry.index, arm, &order.Q, at.qdot) / reference,
             zeta_B: halves(&axis, angular),
+            other: order.other * outwards,
             R_BS: frame(&axis, &towards),
             gain: (per_aux * sigma.abs().max(SMALLEST * reference))
                 .copysign(per_aux * if along < 0.0 { -1.0 } else { 1.0 }),
@@ -711,6 +715,8 @@ struct SecondOrder<const N: usize> {
     angular: bool,
     /// The half of u that ζ takes.
     half: Vector3,
+    /// The other half over the length of that one, as covectors of J's own rows.
+    other: Vector3,
     /// u·H.
     Q: SMatrix<f64, N, N>,
     a: Joints<N>,

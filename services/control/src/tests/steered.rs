@@ -8,7 +8,7 @@ use model::Model;
 use nalgebra::{Rotation3, UnitQuaternion};
 use proptest::prelude::*;
 use shared_types::codes::{
-    FRAME_HAND, REASON_FOLLOWING, REASON_LIMIT, REASON_OVER, REASON_REACH, REASON_STALE,
+    FRAME_HAND, REASON_FOLLOWING, REASON_LIMIT, REASON_OVER, REASON_SINGULARITY, REASON_STALE,
     REFUSAL_CONTACT, TARGET_END, TARGET_POSE, TARGET_POSTURE, TARGET_REFUSAL_FORCE, TARGET_TWIST,
 };
 use shared_types::scenario::Scenario;
@@ -134,7 +134,7 @@ fn an_arm_with_a_spare_joint_rests_in_a_lock_beyond_which_its_target_leads() {
         ..Default::default()
     };
     let (state, [_, qdot]) = steer::<7>("panda", lock, &[(outwards, 2000)]).unwrap();
-    assert_eq!(state.reason, REASON_REACH);
+    assert_eq!(state.reason, REASON_SINGULARITY);
     assert!(qdot.amax() < 0.01, "{qdot}");
 }
 
@@ -366,6 +366,33 @@ fn a_turn_about_a_lost_direction_is_made_on_an_arm_without_formulas() {
         assert!(
             turned > 0.9 * 1.2,
             "{beside_deg}° beside ζ: {turned} of 1.2 rad, {state:?}"
+        );
+    }
+}
+
+/// ζ is turned by joints 4 and 6 against each other; joint 6 is near the end of its range. Where the near way round has no room, the far one is taken, or
+/// all joints stop together: nothing else turns the hand.
+#[test]
+fn a_joint_that_ends_a_null_motion_ends_it_for_all_joints() {
+    let model = Model::<6>::new(robot("puma560"), None).unwrap();
+    let pose = |q: &Joints<6>| model.forward_kinematics(q).R;
+    for (q6, sense, numeric) in [1.0, -1.0]
+        .into_iter()
+        .flat_map(|q6| [1.0, -1.0].map(|sense| (255.0 * q6, sense)))
+        .flat_map(|(q6, sense)| [true, false].map(|numeric| (q6, sense, numeric)))
+    {
+        let start = format!("q_deg = [10, -40, 25, 20, 0, {q6}]\n[analysis]\nnumeric = {numeric}");
+        let from = Joints::from([10.0, -40.0, 25.0, 20.0, 0.0, q6].map(f64::to_radians));
+        let (sin, cos) = q6.to_radians().sin_cos();
+        let axis = Vector3::new(sense * cos, -sense * sin, 0.0);
+        let about = twist([0.0, 0.0, 0.0, 0.3 * axis.x, 0.3 * axis.y, 0.0], 10.0);
+        let (_, [q, _]) = steer::<6>("puma560", &start, &[(about, 4000)]).unwrap();
+        let turned = rotation_log(&(pose(&from).transpose() * pose(&q)));
+        let aside = (turned - axis * axis.dot(&turned)).norm();
+        assert!(
+            aside < 0.02,
+            "joint 6 at {q6}°, {sense}, numeric: {numeric}: turned by {aside} rad aside, {:?}",
+            (turned, q)
         );
     }
 }

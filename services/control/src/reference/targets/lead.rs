@@ -5,8 +5,9 @@
 
 use crate::linear::{Vector3, Vector6, angular, linear, rotation_exp, served, smoothstep, stack};
 use crate::reference::free_axis::{free_axis, rotation_error};
-use crate::types::Report;
+use crate::types::{Class, Report};
 use model::Pose;
+use shared_types::MAX_SINGULARITIES;
 
 /// Longest distance orthogonal to the singular directions, and along them, m: ten times the error of tracking, and little to come back from.
 const ACROSS_M: f64 = 0.0003;
@@ -18,10 +19,15 @@ const BACK: f64 = 10.0;
 /// Share of the longest lead from which a twist that would increase it is taken away.
 const SATURATING: f64 = 0.5;
 
+/// Slide along ζ per turn that counts for nothing, m/rad.
+const SLIDE_M: f64 = 0.02;
+
 /// The lead at a tick: the error orthogonal to the singular directions, along them, and of orientation; each with its longest length.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lead {
     parts: [(Vector3, f64); 3],
+    /// Of each lost translation the way along it that a turn of the hand takes from the arm, m/rad, signed so that more of it increases the lead.
+    slides: [Vector3; MAX_SINGULARITIES],
     /// How near it is to its bound, 0 to 1: 1 at the bound.
     pub saturation: f64,
 }
@@ -38,18 +44,26 @@ impl Lead {
         let off = served(task, &stack(&(reference.p - arm.p), &turn));
         let (error, turn) = (linear(&off), angular(&off));
         let (mut across, mut length) = (error, ACROSS_M);
-        for s in report.listed().iter().filter(|s| s.inside) {
+        let mut slides = [Vector3::zeros(); MAX_SINGULARITIES];
+        for (place, s) in (report.listed().iter().enumerate()).filter(|(_, s)| s.inside) {
             let axis = linear(&s.zeta_B);
             if axis.norm() < 0.5 {
                 continue;
             }
             across -= axis * (axis.dot(&across) / axis.norm_squared());
+            // At a fold the hand may turn while it slides along the boundary of reach. Elsewhere nothing would bring it back.
+            if s.class != Class::Type1 {
+                // ζ·v_C + other·ω = 0, where v_C = v + ω×r.
+                let lever = s.other + (report.p_BC - arm.p).cross(&axis);
+                slides[place] = lever * axis.dot(&error).signum();
+            }
             let closed = 1.0 - s.openness(s.s);
             length = length.max(ACROSS_M + (ALONG_M - ACROSS_M) * closed);
         }
         let parts = [(across, ACROSS_M), (error - across, length), (turn, ANGLE)];
         Self {
             parts,
+            slides,
             saturation: parts
                 .iter()
                 .fold(0.0, |most, part| most.max(saturation_of(part))),
@@ -99,7 +113,7 @@ impl Lead {
         relaxed
     }
 
-    /// A twist without the part that would increase a lead that is near its bound.
+    /// A twist without the part that would increase a lead that is near its bound: of a turn, what would slide the hand further along a lost direction.
     #[must_use]
     pub fn without_increase(&self, V: &Vector6) -> Vector6 {
         let without = |v: Vector3, part: &(Vector3, f64)| {
@@ -111,10 +125,12 @@ impl Lead {
             }
         };
         let [across, along, turn] = &self.parts;
-        stack(
-            &without(without(linear(V), across), along),
-            &without(angular(V), turn),
-        )
+        let mut turning = without(angular(V), turn);
+        for slide in &self.slides {
+            let share = saturation_of(along) / (slide.norm_squared() + SLIDE_M * SLIDE_M);
+            turning -= slide * (slide.dot(&turning).max(0.0) * share);
+        }
+        stack(&without(without(linear(V), across), along), &turning)
     }
 }
 
@@ -187,5 +203,36 @@ mod tests {
         let (held, _) = Lead::between(&far, &Pose::identity(), &report, &[true; 6])
             .hold(&far, &Pose::identity());
         assert!((held.p.norm() - ACROSS_M).abs() < 1e-12, "{}", held.p);
+    }
+
+    /// ζ is x and comes with a turn about z: while the reference is ahead along x, the hand does not turn on that way.
+    #[test]
+    fn a_turn_that_slides_the_hand_along_a_lost_direction_waits() {
+        let mut report = empty_report::<6>();
+        report.count = 1;
+        let lost = &mut report.singularities[0];
+        (lost.zeta_B[0], lost.other.z, lost.inside) = (1.0, 0.2, true);
+        (lost.eta_in, lost.eta_out, lost.class) = (0.1, 0.2, Class::Mixed);
+        let turn = Vector6::new(0.0, 0.0, 0.0, 0.3, 0.0, 0.3);
+        let left = |x: f64, report: &Report<6>| {
+            let reference = Pose::translation(Vector3::new(x, 0.0, 0.0));
+            let lead = Lead::between(&reference, &Pose::identity(), report, &[true; 6]);
+            lead.without_increase(&turn)
+        };
+        let held = left(ALONG_M, &report);
+        assert!(
+            (held[3], held[5] > 0.0, held[5] < 0.004) == (0.3, true, true),
+            "{held}"
+        );
+        assert_eq!(
+            (left(0.001, &report), left(-ALONG_M, &report)),
+            (turn, turn)
+        );
+        report.singularities[0].class = Class::Type1;
+        assert_eq!(
+            left(ALONG_M, &report),
+            turn,
+            "along the boundary of reach it slides"
+        );
     }
 }
