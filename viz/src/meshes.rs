@@ -102,13 +102,31 @@ fn read(robot: &Robot, file: &str) -> Result<Scene, String> {
     let ending = path.extension().unwrap_or_default();
     if ending.eq_ignore_ascii_case("dae") {
         check_collada(&bytes)?;
+    } else if ending.eq_ignore_ascii_case("stl") {
+        check_stl(&bytes)?;
     }
     let loader = Loader::default().custom_reader(files::read);
     match guarded(|| loader.load_from_slice(&bytes, &path)) {
-        Ok(Ok(scene)) if scene.meshes.iter().any(|mesh| !mesh.faces.is_empty()) => Ok(scene),
+        Ok(Ok(scene)) if scene.meshes.iter().any(has_area) => Ok(scene),
         Ok(Err(error)) => Err(error.to_string()),
         _ => Err("it is no STL, OBJ or COLLADA file with triangles".to_owned()),
     }
+}
+
+/// Whether a part has a triangle that can be drawn.
+fn has_area(part: &mesh_loader::Mesh) -> bool {
+    !triangles(part, Vec3::ONE).positions.is_empty()
+}
+
+/// Refuses a binary STL that has been cut off: 80 bytes, the number of triangles, and 50 bytes for each.
+fn check_stl(bytes: &[u8]) -> Result<(), String> {
+    let claimed = bytes.get(80..84).and_then(|count| count.try_into().ok());
+    let claimed = claimed.map_or(0, u32::from_le_bytes);
+    let has = bytes.len().saturating_sub(84) / 50;
+    if !bytes.starts_with(b"solid") && has < claimed as usize {
+        return Err(format!("it claims {claimed} triangles and has {has}"));
+    }
+    Ok(())
 }
 
 /// Elements inside one another that a mesh needs at most: the parser takes stack for each.
@@ -289,6 +307,34 @@ endsolid t
             assert!(corners.iter().zip(&placed).all(near), "{mesh}: {corners:?}");
             assert_eq!(corners.len(), if is_read { 3 } else { 0 }, "{mesh}");
             assert_eq!(colour == 0xff0000ff, is_read, "{mesh}");
+        }
+    }
+
+    #[test]
+    fn a_stl_that_is_cut_off_or_shows_nothing_is_lacking() {
+        let folder = tempfile::tempdir().unwrap();
+        let stl = |claimed: u32, height: f32| {
+            let corners = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, height, 0.0];
+            let numbers = [0.0; 3].into_iter().chain(corners);
+            let triangle = numbers.flat_map(f32::to_le_bytes).chain([0, 0]);
+            let head = [0; 80].into_iter().chain(claimed.to_le_bytes());
+            head.chain(triangle).collect::<Vec<u8>>()
+        };
+        for (claimed, height, is_read) in [
+            (1, 1.0, true),
+            (u32::MAX, 1.0, false),
+            (1, 0.0, false),
+            (1, f32::NAN, false),
+        ] {
+            std::fs::write(folder.path().join("a.stl"), stl(claimed, height)).unwrap();
+            let mesh = r#"filename="a.stl""#;
+            let (corners, _, lacking) = drawn(&folder.path().join("arm.urdf"), &urdf(mesh));
+            assert_eq!(
+                lacking.is_none(),
+                is_read,
+                "{claimed} {height}: {lacking:?}"
+            );
+            assert_eq!(corners.len(), if is_read { 3 } else { 0 });
         }
     }
 

@@ -98,7 +98,6 @@ pub(crate) fn engaged<const N: usize>(
         None => null_motions(setup, state, now),
     };
     // A path whose joint nears its limit is refused; a reference arm goes on beside it.
-    state.targets.withheld = None;
     if setup.scenario.servo.is_some() {
         for (one, w) in gains.iter_mut().zip(&null_motions) {
             one.room = Room::of(now.q, w, one.rate_max, &setup.model);

@@ -446,7 +446,7 @@ impl<const N: usize> TargetState<N> {
         tick: u64,
         ends: bool,
     ) {
-        self.tick = tick;
+        (self.tick, self.withheld) = (tick, None);
         if let Some(target) = target.filter(|target| **target != self.held) {
             // A checkpoint has room for all ticks but the last.
             let given = Some(target.given_tick.min(u64::MAX - 1));
