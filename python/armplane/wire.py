@@ -63,7 +63,8 @@ REASON_STOPPED = 8
 REASON_OVER = 9
 REASON_HELD = 10
 REASON_AXES = 11
-REASONS = {REASON_FOLLOWING: "follows", REASON_RESTING: "rests", REASON_STALE: "rests: the target is older than its validity", REASON_FAST: "slowed: the target is faster than the session allows", REASON_SINGULARITY: "slowed near a singularity", REASON_EFFORT: "slowed: a joint is at its speed or torque limit", REASON_LIMIT: "slowed before a joint limit", REASON_REACH: "at the boundary of reach", REASON_STOPPED: "stopped, goes on from rest", REASON_OVER: "over", REASON_HELD: "held back: something is in the arm's way", REASON_AXES: "leaves out axes that the arm does not serve"}
+REASON_LOST = 12
+REASONS = {REASON_FOLLOWING: "follows", REASON_RESTING: "rests", REASON_STALE: "rests: the target is older than its validity", REASON_FAST: "slowed: the target is faster than the session allows", REASON_SINGULARITY: "slowed near a singularity", REASON_EFFORT: "slowed: a joint is at its speed or torque limit", REASON_LIMIT: "slowed before a joint limit", REASON_REACH: "at the boundary of reach", REASON_STOPPED: "stopped, goes on from rest", REASON_OVER: "over", REASON_HELD: "held back: something is in the arm's way", REASON_AXES: "leaves out axes that the arm does not serve", REASON_LOST: "held: the motion asked for is lost in a singularity"}
 
 REFUSAL_NONE = 0
 REFUSAL_STATE = 1

@@ -261,5 +261,7 @@ codes! {
         REASON_HELD = 10 "held back: something is in the arm's way",
         /// A twist has a share in axes that are not of the arm's task.
         REASON_AXES = 11 "leaves out axes that the arm does not serve",
+        /// In a lock no joint moves the hand as asked, and no self-motion leads on.
+        REASON_LOST = 12 "held: the motion asked for is lost in a singularity",
     }
 }

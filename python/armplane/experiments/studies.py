@@ -49,7 +49,7 @@ def singular_lines(robot, count=4, seed=1, kind="one", laws=("blended",), *, spe
 
 # The study's bars: errors orthogonal to ζ, mm and °, the reference's lead among them; and when an arm stands, below a share of the speed asked for, for how long, s.
 ORTHOGONAL, STILL_SHARE, STILL_S, MOVES = (0.5, 1.5), 0.02, 0.5, 1e-3
-STATED = ("LIMIT", "REACH", "RESTING", "STALE", "OVER", "HELD")
+STATED = ("LIMIT", "REACH", "RESTING", "STALE", "OVER", "HELD", "LOST")
 
 
 def steered(robots=("puma560", "ur5", "iiwa14", "panda"), seeds=range(1, 4), seconds=60.0, settings=None):

@@ -8,7 +8,7 @@ use model::Model;
 use nalgebra::{Rotation3, UnitQuaternion};
 use proptest::prelude::*;
 use shared_types::codes::{
-    FRAME_HAND, REASON_FOLLOWING, REASON_LIMIT, REASON_OVER, REASON_SINGULARITY, REASON_STALE,
+    FRAME_HAND, REASON_FOLLOWING, REASON_LIMIT, REASON_LOST, REASON_OVER, REASON_STALE,
     REFUSAL_CONTACT, TARGET_END, TARGET_POSE, TARGET_POSTURE, TARGET_REFUSAL_FORCE, TARGET_TWIST,
 };
 use shared_types::scenario::Scenario;
@@ -134,7 +134,7 @@ fn an_arm_with_a_spare_joint_rests_in_a_lock_beyond_which_its_target_leads() {
         ..Default::default()
     };
     let (state, [_, qdot]) = steer::<7>("panda", lock, &[(outwards, 2000)]).unwrap();
-    assert_eq!(state.reason, REASON_SINGULARITY);
+    assert_eq!(state.reason, REASON_LOST);
     assert!(qdot.amax() < 0.01, "{qdot}");
 }
 

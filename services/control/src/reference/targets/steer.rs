@@ -24,8 +24,8 @@ use crate::types::{Command, Phase, Refusal, Report};
 use model::{Pose, Terms};
 use shared_types::codes::{
     REASON_AXES, REASON_EFFORT, REASON_FAST, REASON_FOLLOWING, REASON_HELD, REASON_LIMIT,
-    REASON_OVER, REASON_REACH, REASON_RESTING, REASON_SINGULARITY, REASON_STALE, REASON_STOPPED,
-    TARGET_END, TARGET_POSTURE, TARGET_REFUSAL_FORCE, TARGET_TWIST,
+    REASON_LOST, REASON_OVER, REASON_REACH, REASON_RESTING, REASON_SINGULARITY, REASON_STALE,
+    REASON_STOPPED, TARGET_END, TARGET_POSTURE, TARGET_REFUSAL_FORCE, TARGET_TWIST,
 };
 use shared_types::scenario::Servo;
 use shared_types::{ServoState, TargetContent};
@@ -38,6 +38,8 @@ const AT_REST: f64 = 0.01;
 const ARRIVED: f64 = 0.02;
 /// |s|/η_out of the nearest singularity below which it is the reason for a slower clock.
 const NEAR: f64 = 2.0;
+/// Rate of an auxiliary coordinate above which it moves, rad/s.
+const TURNING: f64 = 0.02;
 /// Share of a twist that the task does not serve and that is none, m/s and rad/s.
 const UNSERVED: f64 = 1e-6;
 /// Saturation of the lead that counts as the boundary of reach.
@@ -64,6 +66,8 @@ struct Asked {
     behind: Vector3,
     /// Speed of the clock.
     clock: f64,
+    /// Whether an auxiliary coordinate moves: ζ turns, or a fold opens.
+    turns: bool,
 }
 
 impl<const N: usize> Controller<N> {
@@ -335,6 +339,7 @@ impl<const N: usize> State<N> {
             age_s,
             behind,
             clock,
+            turns: (self.loops.iter()).any(|one| one.engaged() && one.rate.abs() > TURNING),
         }
     }
 
@@ -483,7 +488,7 @@ impl<const N: usize> TargetState<N> {
         let nearest = intake::nearest(report);
         let fastest = &self.fastest;
         let is_posture = self.is_posture();
-        // Near a singularity a reference that leads may wait for ζ to turn out of its way: there the fold itself tells what is beyond reach.
+        // Near a singularity the fold itself tells what is beyond reach. A reference that leads waits for ζ to turn out of its way, or has no way on.
         let is_near = nearest.is_some_and(|(_, openness)| openness < NEAR);
         let leads = asked.lead.saturation > SATURATED;
         let is_bounded = self.clipped || leads && !is_near;
@@ -505,6 +510,7 @@ impl<const N: usize> TargetState<N> {
             (asked.behind.norm() > BEHIND_M.0, REASON_HELD),
             (limit.is_some(), REASON_LIMIT),
             (!is_posture && is_bounded, REASON_REACH),
+            (!is_posture && leads && !asked.turns, REASON_LOST),
             (is_slow && is_near, REASON_SINGULARITY),
             (clock < FULL, REASON_EFFORT),
             (asked.leaves_out, REASON_AXES),
