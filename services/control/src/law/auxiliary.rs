@@ -221,13 +221,14 @@ impl Loop {
         self.trust += (gone - self.trust).clamp(-TRUST_RATE * dt, TRUST_RATE * dt);
         let (correction, nominal) = (gains.k * error, target.rate / clock);
         let [down, up] = gains.room.rates;
-        let bounded = |rate: f64| rate.clamp(-gains.rate_max, gains.rate_max).clamp(down, up);
+        let most = gains.rate_max;
+        let bounded = |rate: f64| rate.clamp(-most, most).max(down).min(up);
         if let Some(change) = target.change {
             self.rate = target.rate + bounded(correction);
             self.feed_forward = change + gains.k * (target.rate - s.aux_rate);
         } else {
-            let most = gains.slew * dt;
-            let change = (bounded(target.rate + correction) - self.rate).clamp(-most, most);
+            let slew = gains.slew * dt;
+            let change = (bounded(target.rate + correction) - self.rate).clamp(-slew, slew);
             self.rate += change;
             self.feed_forward += (change / dt - self.feed_forward) * dt / (FEED_FORWARD_LAG + dt);
         }
