@@ -1,5 +1,6 @@
 """Calls a function in a process of its own, with limits of time and memory: files of others can make libraries of others hang or crash."""
 
+import faulthandler
 import multiprocessing
 import os
 import resource
@@ -38,8 +39,9 @@ def _answer(send, function, arguments):
     memory = int(MEMORY * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
     resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    # Nothing that a library prints may come between the answers.
+    # Nothing that a library prints, or a handler of crashes, may come between the answers.
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+    faulthandler.disable()
     try:
         send.send((None, function(*arguments)))
     except MemoryError:
