@@ -93,12 +93,11 @@ pub(crate) fn engaged<const N: usize>(
     for (i, s) in now.report.listed().iter().enumerate() {
         gains[i] = Gains::of(setup, i, s);
     }
-    let null_motions = match motion.planned {
-        Some(_) => [Joints::zeros(); MAX_SINGULARITIES],
-        None => null_motions(setup, state, now),
-    };
     // A path whose joint nears its limit is refused; a reference arm goes on beside it.
-    if setup.scenario.servo.is_some() {
+    let is_steered = setup.scenario.servo.is_some();
+    let mut null_motions = [Joints::zeros(); MAX_SINGULARITIES];
+    if is_steered {
+        null_motions = self::null_motions(setup, state, now);
         for (one, w) in gains.iter_mut().zip(&null_motions) {
             one.room = Room::of(now.q, w, one.rate_max, &setup.model);
         }
@@ -121,10 +120,9 @@ pub(crate) fn engaged<const N: usize>(
             desired: &motion.desired,
             ahead: &ahead,
             error: &motion.error,
-            null_motion: if is_higher {
-                &s.aux_row
-            } else {
-                &null_motions[i]
+            null_motion: match is_steered && !is_higher {
+                true => &null_motions[i],
+                false => &s.aux_row,
             },
             opening: &opening,
             model: &setup.model,

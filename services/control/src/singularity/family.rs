@@ -60,7 +60,8 @@ pub struct Situation<'a, const N: usize> {
     pub ahead: &'a Ahead<'a>,
     /// Pose error at C, `[p_d − p; log(R_d Rᵀ)]`.
     pub error: &'a Vector6,
-    /// Motion of the joints per unit of the auxiliary coordinate, the kept rows and the other coordinates at rest.
+    /// Motion of the joints per unit of the auxiliary coordinate, the kept rows and the other coordinates at rest; on a path, or of a vector measure, the
+    /// coordinate's own direction.
     pub null_motion: &'a Joints<N>,
     /// Motion at C by which the folds before it will open, `[m; rad]`: at the lock ζ is turned out of its way, too.
     pub opening: &'a Vector6,
