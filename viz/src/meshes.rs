@@ -64,23 +64,31 @@ impl Meshes {
     }
 }
 
+/// The corners of a face, with their places in the part, and its normal; `None` where it has no area, or a corner that is not there.
+fn triangle(
+    part: &mesh_loader::Mesh,
+    face: [u32; 3],
+    scale: Vec3,
+) -> Option<([(usize, Vec3); 3], Vec3)> {
+    let [a, mut b, mut c] = face.map(|corner| corner as usize);
+    if scale.element_product() < 0.0 {
+        (b, c) = (c, b);
+    }
+    let place = |corner: usize| Some(Vec3::from(*part.vertices.get(corner)?) * scale);
+    let (p, q, r) = (place(a)?, place(b)?, place(c)?);
+    let flat = (q - p).cross(r - p).try_normalize()?;
+    Some(([(a, p), (b, q), (c, r)], flat))
+}
+
 /// Normals turn with the scene's nodes only where they fit their face.
 fn triangles(part: &mesh_loader::Mesh, scale: Vec3) -> Mesh {
     let mut mesh = Mesh::default();
-    for face in &part.faces {
-        let [a, mut b, mut c] = face.map(|corner| corner as usize);
-        if scale.element_product() < 0.0 {
-            (b, c) = (c, b);
-        }
-        let place = |p: &[f32; 3]| Vec3::from(*p) * scale;
-        let corners = [a, b, c].map(|corner| part.vertices.get(corner).map(place));
-        let [Some(p), Some(q), Some(r)] = corners else {
-            continue;
-        };
-        let Some(flat) = (q - p).cross(r - p).try_normalize() else {
-            continue;
-        };
-        for (corner, p) in [(a, p), (b, q), (c, r)] {
+    let drawn = part
+        .faces
+        .iter()
+        .filter_map(|face| triangle(part, *face, scale));
+    for (corners, flat) in drawn {
+        for (corner, p) in corners {
             let own = part.normals.get(corner).map(|n| Vec3::from(*n) / scale);
             let own = own
                 .map(Vec3::normalize_or_zero)
@@ -115,7 +123,8 @@ fn read(robot: &Robot, file: &str) -> Result<Scene, String> {
 
 /// Whether a part has a triangle that can be drawn.
 fn has_area(part: &mesh_loader::Mesh) -> bool {
-    !triangles(part, Vec3::ONE).positions.is_empty()
+    let mut faces = part.faces.iter();
+    faces.any(|face| triangle(part, *face, Vec3::ONE).is_some())
 }
 
 /// Refuses a binary STL that has been cut off: 80 bytes, the number of triangles, and 50 bytes for each.

@@ -44,7 +44,7 @@ pub struct Gains {
     pub rate_max: f64,
     /// Largest change of rate, rad/s².
     pub slew: f64,
-    /// What the joints' limits leave of the rate.
+    /// The rates that the joints' limits leave.
     pub room: Room,
 }
 
@@ -76,7 +76,7 @@ impl Gains {
             k_v: control.k_v,
             rate_max,
             slew,
-            room: Room::default(),
+            room: Room::FREE,
         }
     }
 }
@@ -298,10 +298,7 @@ mod tests {
         k_v: 40.0,
         rate_max: 3.0,
         slew: 50.0,
-        room: Room {
-            rates: [f64::NEG_INFINITY, f64::INFINITY],
-            joints: [None; 2],
-        },
+        room: Room::FREE,
     };
 
     /// A tick in which the path is an error of the auxiliary coordinate away.

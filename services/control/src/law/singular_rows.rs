@@ -95,12 +95,9 @@ pub(crate) fn engaged<const N: usize>(
     }
     // A path whose joint nears its limit is refused; a reference arm goes on beside it.
     let is_steered = setup.scenario.servo.is_some();
-    let mut null_motions = [Joints::zeros(); MAX_SINGULARITIES];
-    if is_steered {
-        null_motions = self::null_motions(setup, state, now);
-        for (one, w) in gains.iter_mut().zip(&null_motions) {
-            one.room = Room::of(now.q, w, one.rate_max, &setup.model);
-        }
+    let null_motions = is_steered.then(|| null_motions(setup, state, now));
+    for (one, w) in gains.iter_mut().zip(null_motions.iter().flatten()) {
+        one.room = Room::of(now.q, w, one.rate_max, &setup.model);
     }
     // The motion by which the folds open that come before a singularity.
     let mut opening = Vector6::zeros();
@@ -120,10 +117,10 @@ pub(crate) fn engaged<const N: usize>(
             desired: &motion.desired,
             ahead: &ahead,
             error: &motion.error,
-            null_motion: match is_steered && !is_higher {
-                true => &null_motions[i],
-                false => &s.aux_row,
-            },
+            null_motion: null_motions
+                .as_ref()
+                .filter(|_| !is_higher)
+                .map_or(&s.aux_row, |motions| &motions[i]),
             opening: &opening,
             model: &setup.model,
             rate_max: bounds.rate_max,
@@ -168,7 +165,7 @@ pub(crate) fn engaged<const N: usize>(
 
 /// By place, the motion of the joints per unit of the auxiliary coordinate, with the kept rows and the other coordinates at rest: a column of J̄.
 ///
-/// Cost about 1 µs for six joints, no allocation.
+/// Cost about 1 µs for six joints where a direction is lost, no allocation.
 fn null_motions<const N: usize>(
     setup: &Setup<N>,
     state: &State<N>,
@@ -189,6 +186,9 @@ fn null_motions<const N: usize>(
             (places[count], zetas[count]) = (i, s.zeta_B);
             count += 1;
         }
+    }
+    if count == 0 {
+        return out;
     }
     let Ok(kept) = orthogonal_rows::<N>(&setup.task, zetas[..count].iter().copied()) else {
         return out;

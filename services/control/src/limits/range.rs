@@ -109,7 +109,7 @@ pub fn fastest<const N: usize>(q: &Joints<N>, qdot: &Joints<N>, model: &Model<N>
     fastest
 }
 
-/// What the joints' limits leave to a motion of the null space.
+/// The rates that the joints' limits leave to a motion of the null space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Room {
     /// Its lowest and its highest rate, rad/s.
@@ -120,14 +120,17 @@ pub struct Room {
 
 impl Default for Room {
     fn default() -> Self {
-        Self {
-            rates: [f64::NEG_INFINITY, f64::INFINITY],
-            joints: [None; 2],
-        }
+        Self::FREE
     }
 }
 
 impl Room {
+    /// No limit matters.
+    pub const FREE: Self = Self {
+        rates: [f64::NEG_INFINITY, f64::INFINITY],
+        joints: [None; 2],
+    };
+
     /// Of the motion that moves the joints by `w` per unit, at most at the rate `rate_max`; by the rule of [`fastest`].
     pub fn of<const N: usize>(
         q: &Joints<N>,
@@ -135,7 +138,7 @@ impl Room {
         rate_max: f64,
         model: &Model<N>,
     ) -> Self {
-        let mut room = Self::default();
+        let mut room = Self::FREE;
         for (side, rate) in [-rate_max, rate_max].into_iter().enumerate() {
             let Fastest { clock, joint } = fastest(q, &(w * rate), model);
             if joint.is_some() {
@@ -273,10 +276,7 @@ mod tests {
         assert!((room.rates[0] + 0.02).abs() < 1e-12 && room.rates[1] == f64::INFINITY);
         let ends = [-0.02, -0.019, 1.5].map(|rate| room.joint_at(rate));
         assert_eq!(ends, [Some((3, false)), None, None]);
-        assert_eq!(
-            Room::of(&Vector6::zeros(), &w, 1.5, puma()),
-            Room::default()
-        );
+        assert_eq!(Room::of(&Vector6::zeros(), &w, 1.5, puma()), Room::FREE);
     }
 
     #[test]

@@ -125,9 +125,9 @@ impl Lead {
             }
         };
         let [across, along, turn] = &self.parts;
-        let mut turning = without(angular(V), turn);
+        let (mut turning, saturation) = (without(angular(V), turn), saturation_of(along));
         for slide in &self.slides {
-            let share = saturation_of(along) / (slide.norm_squared() + SLIDE_M * SLIDE_M);
+            let share = saturation / (slide.norm_squared() + SLIDE_M * SLIDE_M);
             turning -= slide * (slide.dot(&turning).max(0.0) * share);
         }
         stack(&without(without(linear(V), across), along), &turning)

@@ -69,7 +69,7 @@ impl<const N: usize> TargetState<N> {
             count(self.held_ticks, is_held),
         );
         if f64::from(self.held_ticks) * now.setup.scenario.dt_s() >= HELD_S {
-            self.ended = self.fastest.joint.or(self.withheld).map(|joint| Ended {
+            self.ended = self.joint_at_limit().map(|joint| Ended {
                 asked: now.scaled(now.asked),
                 joint,
             });
@@ -97,6 +97,13 @@ impl<const N: usize> TargetState<N> {
             }
         };
         asked.dot(V) < STILL * asked.norm_squared()
-            && (self.fastest.joint.or(self.withheld)).is_some_and(|joint| room(joint) < NEAR)
+            && self
+                .joint_at_limit()
+                .is_some_and(|joint| room(joint) < NEAR)
+    }
+
+    /// The joint before whose limit the path or a null motion is held back, and whether that is the upper one.
+    fn joint_at_limit(&self) -> Option<(usize, bool)> {
+        self.fastest.joint.or(self.withheld)
     }
 }
