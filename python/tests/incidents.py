@@ -25,9 +25,9 @@ from scipy.spatial.transform import Rotation
 
 DT = 0.002
 ROBOTS = place("services/model/robots")
-SINGULAR, OTHERS = "singularity", "joint limit, speed limit, torque limit, gap in the stamps, jump in the command, NaN, oscillation, unknown, none".split(", ")
-LAWS = "dls, pinv clamped, servo halt, pinv fault, inverse kinematics, impedance".split(", ")
-STYLES = "csv, csv degrees, lerobot, mcap, rosbag2, rosbag2 mcap".split(", ")
+SINGULAR, OTHERS = "singularity", ("joint limit", "speed limit", "torque limit", "gap in the stamps", "jump in the command", "NaN", "oscillation", "unknown", "none")
+LAWS = ("dls", "pinv clamped", "servo halt", "pinv fault", "inverse kinematics", "impedance")
+STYLES = ("csv", "csv degrees", "lerobot", "mcap", "rosbag2", "rosbag2 mcap")
 
 
 def built_in(name):

@@ -30,25 +30,23 @@ OTHERS = {
     "moveit_msgs/msg/ServoCommandType_Response": "uint64 client\nint64 number\nbool success",
     "control_msgs/msg/JointJog": "std_msgs/Header header\nstring[] joint_names\nfloat64[] displacements\nfloat64[] velocities\nfloat64 duration",
 }
-# Topics and types: those that it hears, and those that it sends on.
-HEARD, SENT = (
-    dict(line.split(": ") for line in lines.splitlines())
-    for lines in (
-        """joint_states: sensor_msgs/msg/JointState
-tf: tf2_msgs/msg/TFMessage
-robot_description: std_msgs/msg/String
-diagnostics: diagnostic_msgs/msg/DiagnosticArray
-armplane/singularity: armplane_msgs/msg/Singularities
-servo_node/status: moveit_msgs/msg/ServoStatus
-clock: rosgraph_msgs/msg/Clock
-servo_node/switch_command_typeReply: moveit_msgs/msg/ServoCommandType_Response""",
-        """servo_node/delta_twist_cmds: geometry_msgs/msg/TwistStamped
-servo_node/pose_target_cmds: geometry_msgs/msg/PoseStamped
-servo_node/delta_joint_cmds: control_msgs/msg/JointJog
-joint_trajectory: trajectory_msgs/msg/JointTrajectory
-servo_node/switch_command_typeRequest: moveit_msgs/msg/ServoCommandType_Request""",
-    )
-)
+HEARD = {
+    "joint_states": "sensor_msgs/msg/JointState",
+    "tf": "tf2_msgs/msg/TFMessage",
+    "robot_description": "std_msgs/msg/String",
+    "diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+    "armplane/singularity": "armplane_msgs/msg/Singularities",
+    "servo_node/status": "moveit_msgs/msg/ServoStatus",
+    "clock": "rosgraph_msgs/msg/Clock",
+    "servo_node/switch_command_typeReply": "moveit_msgs/msg/ServoCommandType_Response",
+}
+SENT = {
+    "servo_node/delta_twist_cmds": "geometry_msgs/msg/TwistStamped",
+    "servo_node/pose_target_cmds": "geometry_msgs/msg/PoseStamped",
+    "servo_node/delta_joint_cmds": "control_msgs/msg/JointJog",
+    "joint_trajectory": "trajectory_msgs/msg/JointTrajectory",
+    "servo_node/switch_command_typeRequest": "moveit_msgs/msg/ServoCommandType_Request",
+}
 _MESSAGE, _LIST = 2, 4
 
 

@@ -210,7 +210,7 @@ def test_an_opponent_cannot_write_its_score_or_its_task(tmp_path):
 
 
 def arena(folder, asked, code=0):
-    """What it prints, and the rows in its folder."""
+    """The ended command, and the rows in its folder."""
     done = ended(f"{_program()} arena --size short --robot ur5 --out {folder} --jobs 2 {asked}")
     assert done.returncode == code, done.stderr
     rows = folder / "rows.jsonl"

@@ -10,9 +10,9 @@ from ..results import INSTALL, Parser, _next_folder, listed, read_toml
 
 # Of a sweep's file and its tables: the kinds of the keys that it needs, and of others.
 KEYS = {
-    "": ("name: text, scenario: text, key: list of tables", "set: list, sample: table"),
-    "sample: ": ("runs: number", "seed: number, method: text"),
-    "key: ": ("key: text", "values: list, from: number, to: number, steps: whole number, scale: text"),
+    "": ({"name": "text", "scenario": "text", "key": "list of tables"}, {"set": "list", "sample": "table"}),
+    "sample: ": ({"runs": "number"}, {"seed": "number", "method": "text"}),
+    "key: ": ({"key": "text"}, {"values": "list", "from": "number", "to": "number", "steps": "whole number", "scale": "text"}),
 }
 KINDS = {"text": str, "list": list, "table": dict, "list of tables": (dict, list), "number": (int, float), "whole number": int}
 
@@ -151,7 +151,7 @@ def read_file(path):
 
 def _check(path, where, table):
     """Raises ValueError where a key is unknown, missing, or of another kind."""
-    needed, others = (dict(one.split(": ") for one in words.split(", ")) for words in KEYS[where])
+    needed, others = KEYS[where]
     kinds = needed | others
     if not isinstance(table, dict):
         raise ValueError(f"{path}: {where}{table!r} is no table")

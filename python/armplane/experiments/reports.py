@@ -12,8 +12,16 @@ from ..results import as_settings
 from .style import BLUE, curves, page
 from .sweeps import lack, read
 
-SHOWN = """position_max_mm orthogonal_max_mm orientation_max_deg orthogonal_max_deg
-    final_position_mm speed_max_ratio torque_max_ratio torque_step_max_ratio""".split()
+SHOWN = [
+    "position_max_mm",
+    "orthogonal_max_mm",
+    "orientation_max_deg",
+    "orthogonal_max_deg",
+    "final_position_mm",
+    "speed_max_ratio",
+    "torque_max_ratio",
+    "torque_step_max_ratio",
+]
 CLASSES = 10
 
 

@@ -11,18 +11,17 @@ from .paper import Recorded
 from .style import BLUE, GREY, RED, digits, endings, legend, page, postures, undistorted
 
 # Drawn of each law, three to a row.
-METRICS = dict(
-    one.split(": ")
-    for one in """orthogonal_max_mm: error orthogonal to ζ, mm
-along_max_mm: error along ζ, mm
-final_position_mm: error at the end, mm
-orthogonal_max_deg: error orthogonal to ζ, °
-along_max_deg: error along ζ, °
-final_orientation_deg: error at the end, °
-speed_max_ratio: joint speed, share of limit
-torque_step_max_ratio: torque step, share of limit
-jump_energy_j: energy of jumps, J""".splitlines()
-)
+METRICS = {
+    "orthogonal_max_mm": "error orthogonal to ζ, mm",
+    "along_max_mm": "error along ζ, mm",
+    "final_position_mm": "error at the end, mm",
+    "orthogonal_max_deg": "error orthogonal to ζ, °",
+    "along_max_deg": "error along ζ, °",
+    "final_orientation_deg": "error at the end, °",
+    "speed_max_ratio": "joint speed, share of limit",
+    "torque_step_max_ratio": "torque step, share of limit",
+    "jump_energy_j": "energy of jumps, J",
+}
 
 
 def _all(jobs):
